@@ -2,7 +2,7 @@
 
 use super::control::tracks_of;
 use super::correction::{ImageFrame, Parameters};
-use super::error::BundleError;
+use super::error::{BundleError, height_hint};
 use super::features::Keypoint;
 use super::network::{Estimate, HEIGHT_MARGIN_M, Network};
 use super::options::BundleOptions;
@@ -77,6 +77,10 @@ impl<'a> Adjuster<'a> {
                 None => left_out
                     .push((view.name.clone(), "its RPC cannot be localised at the scene's heights".into())),
                 Some(direction) => {
+                    if let Some(first) = of_view.and_then(|own| same_pixels(own, &views)) {
+                        left_out.push((view.name.clone(), format!("its pixels are those of `{first}`")));
+                        continue;
+                    }
                     tracing::debug!("{}: {} keypoints", view.name, of_view.map_or(0, <[Keypoint]>::len));
                     network.rpcs.push(&view.rpc);
                     network.frames.push(ImageFrame::new((view.width, view.height)));
@@ -125,7 +129,29 @@ impl<'a> Adjuster<'a> {
             let names: Vec<&str> = g.iter().map(|v| self.views[*v].view.name.as_str()).collect();
             format!("{{{}}}", names.join(", "))
         };
-        BundleError::NotConnected { components: groups.iter().map(list).collect::<Vec<_>>().join(" | ") }
+        let components = groups.iter().map(list).collect::<Vec<_>>().join(" | ");
+        BundleError::NotConnected { components, hint: height_hint(self.network.heights) }
+    }
+
+    /// The error that no match agrees with the cameras.
+    pub(super) fn no_tracks(&self) -> BundleError {
+        let of_heights = height_hint(self.network.heights);
+        let hint = match self.control.len() {
+            0 => format!("do the RPCs belong to the images? {of_heights}"),
+            n => format!(
+                "the cameras follow {n} ground control points: are these of this place and in its height system? without them, do \
+                 the RPCs belong to the images? {of_heights}"
+            ),
+        };
+        BundleError::NoTracks { hint }
+    }
+
+    /// The views outside of the first and largest group that tracks join.
+    pub(super) fn apart(&self, groups: &[Vec<usize>]) -> Vec<LeftOut> {
+        let reason =
+            "no match connects it with the other views: is its image turned, negative or of another place?";
+        let apart = groups.iter().skip(1).flatten();
+        apart.map(|v| (self.views[*v].view.name.clone(), reason.to_owned())).collect()
     }
 
     /// Narrows the range of heights to that of the points, outliers excepted, with a margin.
@@ -172,6 +198,12 @@ impl<'a> Adjuster<'a> {
     }
 }
 
+/// Whether the first of some groups has more views than all others together, so that the others are the odd ones.
+pub(super) fn has_majority(groups: &[Vec<usize>]) -> bool {
+    let others: usize = groups.iter().skip(1).map(Vec::len).sum();
+    groups.first().is_some_and(|first| first.len() > others.max(1))
+}
+
 /// Result of one attempt.
 pub(super) enum Outcome {
     Adjusted(Estimate),
@@ -204,6 +236,16 @@ pub(super) fn attempt<'a>(
 /// Warns that a view is left out.
 pub(super) fn warn_left_out(progress: &dyn Progress, (view, reason): &LeftOut) {
     progress.event(Event::Warning(format!("view `{view}` is left out: {reason}")));
+}
+
+/// The view whose keypoints are all the same as these, if there is one: a copy of an image in another file, with metadata or an RPC of its
+/// own, shows nothing new, and agrees with itself perfectly.
+fn same_pixels<'a>(keypoints: &[Keypoint], views: &[UsedView<'a>]) -> Option<&'a str> {
+    let is_same = |(a, b): (&Keypoint, &Keypoint)| a.px == b.px && a.descriptor.iter().eq(&b.descriptor);
+    let is_copy = |view: &&UsedView| {
+        view.keypoints.len() == keypoints.len() && view.keypoints.iter().zip(keypoints).all(is_same)
+    };
+    views.iter().find(is_copy).map(|used| used.view.name.as_str())
 }
 
 fn too_few(usable: usize, all: usize, left_out: &[LeftOut]) -> BundleError {

@@ -59,7 +59,11 @@ fn is_of_cell(error: &BundleError) -> bool {
         error,
         BundleError::TooFewViews { .. }
             | BundleError::NotConnected { .. }
+            | BundleError::NoTracks { .. }
+            | BundleError::UpsideDown { .. }
             | BundleError::NoBaseline { .. }
+            | BundleError::NoOverlap { .. }
+            | BundleError::TooOblique { .. }
             | BundleError::Solver { .. }
             | BundleError::Refit { .. }
             | BundleError::Scene(SceneError::TooFewViews { .. } | SceneError::AreaNotSeen { .. })

@@ -6,7 +6,7 @@ use super::network::triangulate;
 use super::output::Adjustment;
 use super::problem::{Block, Observation, PositionPrior, SIGMA_PX, Track};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
-use crate::io::read_text;
+use crate::io::{read_text, vsi};
 use crate::rpc::Rpc;
 use crate::scene::{Scene, View};
 use crate::stats::median;
@@ -34,7 +34,8 @@ impl ControlPoint {
     /// Whether the observation is one of this view's image.
     #[must_use]
     pub fn is_of(&self, view: &View) -> bool {
-        view.name == self.image || view.image.file_name().is_some_and(|f| f == &*self.image)
+        let file = vsi::split_query(&view.image).0.file_name();
+        view.name == self.image || file.is_some_and(|f| f == &*self.image)
     }
 }
 

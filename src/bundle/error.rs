@@ -56,26 +56,74 @@ pub enum BundleError {
     },
     /// The matches do not connect all views.
     #[error("the matches do not connect the views: {components}")]
-    #[diagnostic(help("do the views show the same place? a wider --height-range may help"))]
+    #[diagnostic(help("do the views show the same place? {hint}"))]
     NotConnected {
         /// Groups of connected views.
         components: String,
+        /// What the range of heights has to do with it.
+        hint: String,
+    },
+    /// The views are connected, but no match agrees with the cameras.
+    #[error("no match agrees with the cameras")]
+    #[diagnostic(help("{hint}"))]
+    NoTracks {
+        /// What ground control and the range of heights have to do with it.
+        hint: String,
+    },
+    /// Pairs of views see the relief upside down to each other, and it is not known which is right.
+    #[error("heights of pairs of views rise where those of others fall: {pairs}")]
+    #[diagnostic(help(
+        "are RPCs exchanged between images? `satgs info` lists the file of each; another view shows which ones are right"
+    ))]
+    UpsideDown {
+        /// The pairs.
+        pairs: String,
     },
     /// No cell of a large scene's ground gave tie points.
     #[error("none of the {cells} cells of the ground has tie points: {reasons}")]
-    #[diagnostic(help("do the views show the same place without clouds? a wider --height-range may help"))]
+    #[diagnostic(help("do the views show the same place without clouds? {hint}"))]
     NoCell {
         /// Number of cells.
         cells: usize,
         /// The cells with the reasons.
         reasons: String,
+        /// What the range of heights has to do with it.
+        hint: String,
     },
     /// All views see the scene from nearly the same direction.
-    #[error("no two views differ by {needed_deg}° in direction: heights cannot be measured")]
+    #[error(
+        "no two views differ by {needed_deg}° in direction, at most by {widest_deg:.1}°: heights cannot be measured"
+    )]
     #[diagnostic(help("`satgs info` lists the convergence angles"))]
     NoBaseline {
         /// Smallest sufficient angle.
         needed_deg: f64,
+        /// Largest angle between views that overlap.
+        widest_deg: f64,
+    },
+    /// No two views overlap enough to be matched.
+    #[error(
+        "no two views share {needed_percent:.0} % of their ground, at most {largest_percent:.0} %: they cannot be matched"
+    )]
+    #[diagnostic(help(
+        "images that show more of the same place help, or an --aoi within what they share; `satgs info --footprints` shows them"
+    ))]
+    NoOverlap {
+        /// Smallest sufficient share of the smaller footprint.
+        needed_percent: f64,
+        /// Largest share of any two views.
+        largest_percent: f64,
+    },
+    /// The directions of all views that overlap are too far apart.
+    #[error(
+        "all views that overlap differ by more than {most_deg}° in direction, at least by {narrowest_deg:.1}°: they cannot be matched"
+    )]
+    #[diagnostic(help("add views from directions between; `satgs info` lists the convergence angles"))]
+    TooOblique {
+        /// Largest angle of views that are matched.
+        most_deg: f64,
+        /// Smallest angle between views that overlap.
+        narrowest_deg: f64,
     },
     /// The solution failed.
     #[error("the adjustment did not converge: {reason}")]
@@ -150,4 +198,18 @@ pub enum BundleError {
         /// Folder of the corrected cameras.
         folder: PathBuf,
     },
+}
+
+/// A range of heights from which on a narrower one helps more than a wider one, metres: lines along which matches are searched
+/// become so long that many wrong ones lie on them.
+const WIDE_RANGE_M: f64 = 1000.0;
+
+/// What the range in which heights are searched has to do with matches that fail.
+pub(super) fn height_hint((low_m, high_m): (f64, f64)) -> String {
+    let change = if high_m - low_m > WIDE_RANGE_M {
+        "a narrower --height-range LOW,HIGH helps"
+    } else {
+        "a wider --height-range LOW,HIGH helps if the ground lies outside"
+    };
+    format!("heights are searched from {low_m:.0} to {high_m:.0} m: {change}")
 }

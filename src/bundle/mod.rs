@@ -37,6 +37,7 @@ mod patches;
 mod point_heights;
 mod precision;
 mod problem;
+mod relief_check;
 mod report;
 mod result;
 mod scale_space;

@@ -1,7 +1,7 @@
 //! The stages of an adjustment of views at once: keypoints, matches, tracks and the solution with outlier rejection, in two
 //! rounds; then least-squares matching of the tie points, and the last solution.
 
-use super::adjuster::{Adjuster, Outcome, attempt};
+use super::adjuster::{Adjuster, Outcome, attempt, has_majority};
 use super::correction::CorrectionModel;
 use super::error::BundleError;
 use super::features::{Keypoint, detect};
@@ -9,6 +9,7 @@ use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, LOSS_SCALES_PX};
 use super::options::BundleOptions;
 use super::problem::{Observation, Track};
+use super::relief_check::upside_down;
 use super::report::LeftOut;
 use super::tracks::{self, TrackElement};
 use super::view_pairs::with_similar_suns;
@@ -37,7 +38,7 @@ const PIXELS_AT_ONCE: usize = 8_000_000;
 /// What the views of an adjustment show together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Extent {
-    /// All of the scene: views that matches do not connect are an error.
+    /// All of the scene: views that matches do not connect are left out if most others are connected, else an error.
     Scene,
     /// A cell of its ground: a part of the keypoints is enough, and views that matches do not connect with most of the
     /// others are left out, because other cells may connect them.
@@ -57,7 +58,7 @@ pub(super) fn find_keypoints(
     let at_once = (PIXELS_AT_ONCE / largest).clamp(1, rayon::current_num_threads());
     let keypoints = |view: &View| {
         let image = view.gray_image()?;
-        let mut found = detect((view.width, view.height), |window| image.read(window))?;
+        let mut found = detect((view.width, view.height), |window| image.read_without_specks(window))?;
         if extent == Extent::Cell && found.len() > CELL_KEYPOINTS {
             found.truncate(CELL_KEYPOINTS);
             found.shrink_to_fit();
@@ -101,6 +102,8 @@ enum Round {
     Adjusted,
     /// This view contradicts the others.
     Contradicted(LeftOut),
+    /// These pairs of views see the relief upside down.
+    UpsideDown(Vec<(usize, usize)>),
     /// Matches join the views in these groups only, the largest first.
     NotConnected(Vec<Vec<usize>>),
     /// No match agrees with the cameras.
@@ -133,13 +136,13 @@ impl<'a> Adjuster<'a> {
                 self.progress.event(Event::Warning(format!("view `{view}`: {reason}")));
             }
             Round::Adjusted => {}
-            failed => return self.rejected(failed, extent),
+            failed => return self.rejected(failed, extent, leaves_out),
         }
         self.narrow_heights(&estimate);
         match self.round(&mut estimate, NARROW_TOLERANCE_PX)? {
             Round::Contradicted(_) if !leaves_out => {}
             Round::Adjusted => {}
-            failed => return self.rejected(failed, extent),
+            failed => return self.rejected(failed, extent, leaves_out),
         }
         self.refine_tie_points(&mut estimate, options.model)?;
         Ok(match self.weakest_view(&estimate.tracks).filter(|_| leaves_out) {
@@ -149,19 +152,26 @@ impl<'a> Adjuster<'a> {
     }
 
     /// The views that a round that failed leaves out, or the error that it is.
-    fn rejected(&self, round: Round, extent: Extent) -> Result<Outcome, BundleError> {
+    fn rejected(&self, round: Round, extent: Extent, leaves_out: bool) -> Result<Outcome, BundleError> {
         match round {
             Round::Contradicted(view) => Ok(Outcome::Rejected(vec![view])),
             Round::NotConnected(groups) if extent == Extent::Cell && groups[0].len() > 1 => {
-                let reason = "no match connects it with the other views";
-                let apart = groups[1..].iter().flatten();
-                let rejected = apart.map(|v| (self.views[*v].view.name.clone(), reason.to_owned()));
-                Ok(Outcome::Rejected(rejected.collect()))
+                Ok(Outcome::Rejected(self.apart(&groups)))
+            }
+            Round::NotConnected(groups) if leaves_out && has_majority(&groups) => {
+                Ok(Outcome::Rejected(self.apart(&groups)))
             }
             Round::NotConnected(groups) => Err(self.not_connected(&groups)),
-            Round::NoTracks | Round::Adjusted => {
-                Err(BundleError::NotConnected { components: "no track survived the adjustment".into() })
+            Round::UpsideDown(pairs) => {
+                let odd = self.views_upside_down(&pairs);
+                if leaves_out && 2 * odd.len() < self.views.len() {
+                    return Ok(Outcome::Rejected(odd));
+                }
+                let name = |v: usize| self.views[v].view.name.as_str();
+                let pairs = pairs.iter().map(|(a, b)| format!("{{{}, {}}}", name(*a), name(*b)));
+                Err(BundleError::UpsideDown { pairs: pairs.collect::<Vec<_>>().join(" | ") })
             }
+            Round::NoTracks | Round::Adjusted => Err(self.no_tracks()),
         }
     }
 
@@ -190,6 +200,14 @@ impl<'a> Adjuster<'a> {
         self.progress.event(Event::Finished);
         if estimate.tracks.iter().all(|t| t.prior.is_some()) {
             return Ok(Round::NoTracks);
+        }
+        if epipolar_tolerance_px > NARROW_TOLERANCE_PX {
+            let of_many =
+                tracks.iter().filter(|t| t.len() >= 4).map(|t| self.observed(t)).collect::<Vec<_>>();
+            let pairs = upside_down(&self.network, &of_many, &estimate.corrections);
+            if !pairs.is_empty() {
+                return Ok(Round::UpsideDown(pairs));
+            }
         }
         let contradicts = if epipolar_tolerance_px > NARROW_TOLERANCE_PX {
             self.worst_view(&triangulated, &self.observation_counts(&estimate.tracks))

@@ -44,7 +44,7 @@ impl Adjuster<'_> {
             let at = |i: &usize| estimate.points[*i];
             let patches = images.par_iter_mut().enumerate().map(|(v, (image, size))| {
                 let shown = tile.iter().map(|i| block.project(v, &estimate.corrections[v], at(i)));
-                ImagePatch::around(shown, *size, |window| image.read(window))
+                ImagePatch::around(shown, *size, |window| image.read_without_specks(window))
             });
             let patches = patches.collect::<Result<Vec<ImagePatch>, RasterError>>()?;
             let matcher = LsmMatcher::new(&block, &estimate.corrections, patches);

@@ -20,7 +20,8 @@ const NEAREST_SUNS: usize = 4;
 /// Pairs of views whose footprints overlap and whose lines of sight are at most [`MAX_VIEW_ANGLE_DEG`] apart.
 ///
 /// # Errors
-/// [`BundleError::NoBaseline`] when no pair has an angle wide enough to measure heights.
+/// [`BundleError::NoOverlap`] or [`BundleError::TooOblique`] when there is none, [`BundleError::NoBaseline`] when no pair has an
+/// angle wide enough to measure heights.
 pub(super) fn overlapping_pairs(
     views: &[UsedView],
     network: &Network,
@@ -33,20 +34,32 @@ pub(super) fn overlapping_pairs(
         .map(|(v, rpc)| footprint(rpc, v.size(), &grid, center.height_m()))
         .collect();
     let mut out = Vec::new();
-    let mut widest: f64 = 0.0;
+    let (mut widest, mut largest_share, mut narrowest) = (0f64, 0f64, f64::INFINITY);
     for i in 0..views.len() {
         for j in i + 1..views.len() {
             let (Some(a), Some(b)) = (&outlines[i], &outlines[j]) else { continue };
             let shared = a.intersection(b).unsigned_area() / a.unsigned_area().min(b.unsigned_area());
             let angle = angle_between_deg(network.directions[i], network.directions[j]);
+            largest_share = largest_share.max(shared);
+            if shared >= MIN_OVERLAP {
+                narrowest = narrowest.min(angle);
+            }
             if shared >= MIN_OVERLAP && angle <= MAX_VIEW_ANGLE_DEG {
                 widest = widest.max(angle);
                 out.push((i, j));
             }
         }
     }
+    if largest_share < MIN_OVERLAP {
+        let (needed_percent, largest_percent) = (100.0 * MIN_OVERLAP, 100.0 * largest_share);
+        return Err(BundleError::NoOverlap { needed_percent, largest_percent });
+    }
+    if narrowest > MAX_VIEW_ANGLE_DEG {
+        let (most_deg, narrowest_deg) = (MAX_VIEW_ANGLE_DEG, narrowest);
+        return Err(BundleError::TooOblique { most_deg, narrowest_deg });
+    }
     if widest < LEAST_ANGLE_DEG {
-        return Err(BundleError::NoBaseline { needed_deg: LEAST_ANGLE_DEG });
+        return Err(BundleError::NoBaseline { needed_deg: LEAST_ANGLE_DEG, widest_deg: widest });
     }
     Ok(out)
 }

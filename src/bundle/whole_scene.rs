@@ -1,11 +1,11 @@
 //! Adjustment of a large scene: tie points are found cell by cell of the ground, and adjusted all at once.
 
-use super::adjuster::{Adjuster, Outcome, attempt, warn_left_out};
+use super::adjuster::{Adjuster, Outcome, attempt, has_majority, warn_left_out};
 use super::cell::{most_tracks, tracks_of_cell};
 use super::cell_grid::{CellGrid, GroundCell};
 use super::cell_tracks::{CellFile, CellResult, CellTrack};
 use super::duplicates::merge_duplicates;
-use super::error::BundleError;
+use super::error::{BundleError, height_hint};
 use super::network::{Estimate, LOSS_SCALES_PX};
 use super::options::BundleOptions;
 use super::output::Adjustment;
@@ -43,7 +43,8 @@ pub(super) fn adjust_by_cells(
         .filter_map(|(cell, result)| Some(format!("{} ({})", cell.id, result.as_ref().err()?)))
         .collect();
     if skipped.len() == results.len() {
-        return Err(BundleError::NoCell { cells: results.len(), reasons: first_of(&skipped, "; ") });
+        let (reasons, hint) = (first_of(&skipped, "; "), height_hint(heights));
+        return Err(BundleError::NoCell { cells: results.len(), reasons, hint });
     }
     if !skipped.is_empty() {
         progress.event(Event::Warning(format!(
@@ -176,6 +177,9 @@ impl<'a> Adjuster<'a> {
         let groups =
             tracks::components(self.views.len(), tied.iter().map(|t| t.observations.iter().map(|m| m.view)));
         if groups.len() > 1 {
+            if !options.fixed && has_majority(&groups) {
+                return Ok(Outcome::Rejected(self.apart(&groups)));
+            }
             return Err(self.not_connected(&groups));
         }
         let observed = tied.into_iter().chain(self.control.iter().cloned());
@@ -186,7 +190,7 @@ impl<'a> Adjuster<'a> {
         self.progress.event(Event::Finished);
         let kept = self.observation_counts(&estimate.tracks);
         if kept.iter().all(|n| *n == 0) {
-            return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
+            return Err(self.no_tracks());
         }
         let worst = self.worst_view(&triangulated, &kept);
         match worst.or_else(|| self.weakest_view(&estimate.tracks)) {

@@ -49,7 +49,7 @@ const OF_SATELLITES: [&str; 27] = [
     "truth-crs",
 ];
 /// Options that only photographs use.
-const OF_PHOTOGRAPHS: [&str; 4] = ["georef", "test-views", "downsampling", "transparent"];
+const OF_PHOTOGRAPHS: [&str; 5] = ["georef", "test-views", "downsampling", "transparent", "reference-points"];
 
 /// The options that were typed on the command line, by their long names.
 #[derive(Clone, Debug, Default)]

@@ -113,6 +113,10 @@ pub struct Options {
     /// points of the scene), or `predict` [default: the recipe's]
     #[arg(long, value_name = "POINTS")]
     start: Option<Start>,
+    /// Take points to start from, and to align --depth-prior with, from the reference depth maps of LEVIR-NVS and ScanNet++ scenes
+    /// without points
+    #[arg(long)]
+    reference_points: bool,
     /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
@@ -164,6 +168,7 @@ impl Options {
             primitive: self.primitive.map(PrimitiveKind::from),
             start: self.start.and_then(Start::points),
             predict: matches!(self.start, Some(Start::Predict)),
+            reference_points: self.reference_points,
             iterations: self.iterations,
             seed: self.seed,
             checkpoint_every: self.checkpoint_every,

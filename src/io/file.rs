@@ -14,6 +14,16 @@ const MAX_PIXELS_PER_BYTE: u64 = 20_000;
 /// Size in bytes below which this limit does not apply, because virtual rasters (VRT) are small files.
 const SMALL_IS_SUSPECT_PIXELS: u64 = 1 << 24;
 
+/// Size of values from which on they stand for missing ones, whatever a file declares: fill values of floats are ±3.4e38, 1e38 and
+/// 9.97e36 (NetCDF), and no brightness or height comes near.
+const LARGEST_VALUE: f32 = 1e30;
+
+/// Whether a stored value can be a measurement: it is finite, and no usual fill value of floats.
+#[must_use]
+pub fn is_measurement(value: f32) -> bool {
+    value.abs() < LARGEST_VALUE
+}
+
 /// An opened raster file.
 pub struct ImageFile {
     path: PathBuf,
@@ -97,7 +107,7 @@ impl ImageFile {
         Ok(self.dataset.rasterband(index).map_err(|_| self.no_band(index))?.unit())
     }
 
-    /// Reads one band, counted from 1; its nodata value becomes NaN.
+    /// Reads one band, counted from 1; its nodata value, and what is no measurement ([`is_measurement`]), become NaN.
     ///
     /// # Errors
     /// [`RasterError::NoBand`] if there is no such band, [`RasterError::Read`] if the file is damaged or incomplete.
@@ -128,6 +138,9 @@ impl ImageFile {
         if let Some(nodata) = self.band(index)?.nodata.filter(|v| !v.is_nan()) {
             let nodata = nodata as f32;
             raster.data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
+        }
+        if self.band(index)?.kind == NumberKind::Float {
+            raster.data.par_iter_mut().filter(|v| !is_measurement(**v)).for_each(|v| *v = f32::NAN);
         }
         self.apply_scale(index, &mut raster)?;
         Ok(raster)

@@ -20,10 +20,22 @@ impl ImageFile {
         if colors.is_empty() { all.collect() } else { colors }
     }
 
-    /// Bands that are used by default: the first three bands with image data, or the only one; counted from 1.
+    /// Bands that are used by default, red, green and blue: those that the file declares as such, in whatever order it has them, else
+    /// the first three bands with image data, or the only one; counted from 1.
     #[must_use]
     pub fn default_bands(&self) -> Vec<usize> {
         let mut bands = self.color_bands();
+        let colors =
+            [ColorInterpretation::RedBand, ColorInterpretation::GreenBand, ColorInterpretation::BlueBand];
+        let declared = colors.map(|color| {
+            let is_declared = |index: &&usize| {
+                self.dataset.rasterband(**index).is_ok_and(|band| band.color_interpretation() == color)
+            };
+            bands.iter().find(is_declared).copied()
+        });
+        if let [Some(red), Some(green), Some(blue)] = declared {
+            return vec![red, green, blue];
+        }
         bands.truncate(if bands.len() >= 3 { 3 } else { 1 });
         bands
     }

@@ -17,6 +17,7 @@ mod heights;
 mod json;
 mod like;
 mod mask;
+mod memory;
 mod grid2;
 mod npy;
 mod rgb_image;
@@ -41,7 +42,7 @@ pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud, read_points};
 pub use crs::{epsg_of_wkt, is_metric_map};
 pub use disk::free_disk_bytes;
 pub use error::{Cause, CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
-pub use file::{BandInfo, ImageFile};
+pub use file::{BandInfo, ImageFile, is_measurement};
 pub use georeference::{
     georeference, georeference_comment, read_georeference, replaces_georeference, write_georeference,
 };
@@ -50,6 +51,7 @@ pub use grid2::Grid2;
 pub use heights::{HeightSystem, read_heights};
 pub use json::{read_json, read_python_json, write_json};
 pub use like::{MosaicPart, Template};
+pub use memory::{available_memory_mb, peak_memory_mb, reset_peak_memory};
 pub use npy::NpyArray;
 pub use number_kind::NumberKind;
 pub use planes::Planes;

@@ -53,9 +53,56 @@ pub fn is_remote(path: &Path) -> bool {
 
 /// The path of a URL: `/vsicurl/` for `https`, `http` and `ftp`, `/vsis3/` for `s3`, `/vsigs/` for `gs`, `/vsiaz/` for
 /// `az`, the local path for `file`; `None` for other schemes, and for text that is no URL.
+///
+/// A slash in the query, as signatures may have it, becomes `%2F`, which is the same: the last part of the path is the file's name.
+/// In a local path `%20` is a space, as URIs have it.
 #[must_use]
 pub fn from_url(text: &str) -> Option<PathBuf> {
-    URLS.iter().find_map(|(url, path)| Some(format!("{path}{}", text.strip_prefix(url)?).into()))
+    let (url, path) = URLS.iter().find(|(url, _)| text.starts_with(url))?;
+    let rest = &text[url.len()..];
+    if path.is_empty() {
+        return Some(percent_decoded(rest).unwrap_or_else(|| rest.to_owned()).into());
+    }
+    let (place, query) = rest.split_at(rest.find('?').unwrap_or(rest.len()));
+    Some(format!("{path}{place}{}", query.replace('/', "%2F")).into())
+}
+
+/// A path of a web server without the query of its URL, such as `?sig=1`, and the query; for other paths that is empty.
+#[must_use]
+pub fn split_query(path: &Path) -> (&Path, &str) {
+    let of_server = path.to_str().filter(|text| text.contains("://") && is_virtual(path));
+    match of_server.and_then(|text| text.find('?').map(|at| text.split_at(at))) {
+        Some((place, query)) => (Path::new(place), query),
+        None => (path, ""),
+    }
+}
+
+/// A path of the folder of a file, with the query of the file's URL: signatures are of a folder or of the whole server.
+fn with_name(file: &Path, name: &str) -> PathBuf {
+    let (place, query) = split_query(file);
+    place.with_file_name(format!("{name}{query}"))
+}
+
+/// A text whose bytes in hexadecimal, such as `%20`, are characters; `None` if they are no UTF-8.
+#[must_use]
+pub fn percent_decoded(text: &str) -> Option<String> {
+    let mut bytes = Vec::with_capacity(text.len());
+    let mut rest = text.as_bytes();
+    while let Some((first, after)) = rest.split_first() {
+        let is_code = |digits: &&[u8]| digits.iter().all(u8::is_ascii_hexdigit);
+        let code = after.get(..2).filter(is_code).and_then(|digits| std::str::from_utf8(digits).ok());
+        match code.and_then(|digits| u8::from_str_radix(digits, 16).ok()) {
+            Some(byte) if *first == b'%' => {
+                bytes.push(byte);
+                rest = &after[2..];
+            }
+            _ => {
+                bytes.push(*first);
+                rest = after;
+            }
+        }
+    }
+    String::from_utf8(bytes).ok()
 }
 
 /// The absolute path of a file or folder: virtual paths are absolute already, URLs become virtual paths ([`from_url`]).
@@ -175,13 +222,15 @@ pub fn files_beside(file: &Path, likely: &[String]) -> Result<Vec<PathBuf>> {
     if !is_virtual(file) {
         return list(folder);
     }
+    let own_name = split_query(file).0.file_name();
     if !super::gdal_setup::listing_is_off()
         && let Ok(found) = list(folder)
-        && found.iter().any(|f| f.file_name() == file.file_name())
+        && found.iter().any(|f| f.file_name() == own_name)
     {
-        return Ok(found);
+        let names = found.iter().filter_map(|f| f.file_name()?.to_str());
+        return Ok(names.map(|name| with_name(file, name)).collect());
     }
-    let candidates = likely.par_iter().map(|name| folder.join(name));
+    let candidates = likely.par_iter().map(|name| with_name(file, name));
     let mut found: Vec<PathBuf> = candidates.filter(|path| VsiFile::open(path).is_ok()).collect();
     found.push(file.into());
     Ok(found)
@@ -189,7 +238,8 @@ pub fn files_beside(file: &Path, likely: &[String]) -> Result<Vec<PathBuf>> {
 
 /// Names of the files that GDAL reads with a remote raster: its own and those beside it.
 pub(super) fn siblings(raster: &Path) -> Vec<String> {
-    let name = raster.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let name =
+        split_query(raster).0.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     let likely = OF_GDAL.map(|suffix| format!("{name}{suffix}"));
     let found = files_beside(raster, &likely).unwrap_or_default();
     found.iter().filter_map(|f| Some(f.file_name()?.to_str()?.to_owned())).collect()
@@ -267,7 +317,22 @@ mod tests {
         assert_eq!(path("gs://bucket/a.tif").unwrap(), "/vsigs/bucket/a.tif");
         assert_eq!(path("az://container/a.tif").unwrap(), "/vsiaz/container/a.tif");
         assert_eq!(path("file:///data/a.tif").unwrap(), "/data/a.tif");
+        assert_eq!(path("file:///data/a%20b%c3%a9.tif").unwrap(), "/data/a bé.tif");
+        assert_eq!(path("https://host/a.tif?s=a/b").unwrap(), "/vsicurl/https://host/a.tif?s=a%2Fb");
         assert_eq!((path("odd://a.tif"), path("a.tif")), (None, None));
+    }
+
+    #[test]
+    fn the_query_of_a_url_is_no_part_of_the_name() {
+        let file = Path::new("/vsicurl/https://host/a.tif?sig=a%2Fb&end=2030.5");
+        assert_eq!(split_query(file), (Path::new("/vsicurl/https://host/a.tif"), "?sig=a%2Fb&end=2030.5"));
+        assert_eq!(
+            with_name(file, "a.rpc").to_str(),
+            Some("/vsicurl/https://host/a.rpc?sig=a%2Fb&end=2030.5")
+        );
+        for path in ["/data/why?.tif", "/vsizip/a?b.zip/a.tif", "why?.tif"] {
+            assert_eq!(split_query(Path::new(path)), (Path::new(path), ""));
+        }
     }
 
     #[test]

@@ -21,6 +21,12 @@ pub enum Layout {
 }
 
 impl Layout {
+    /// Whether depth maps of such scenes are a reference to compare with, rendered from a model, and not measured with the images.
+    #[must_use]
+    pub fn has_reference_depths(self) -> bool {
+        matches!(self, Self::Levir | Self::ScanNetPp)
+    }
+
     /// What users call it.
     #[must_use]
     pub fn name(self) -> &'static str {

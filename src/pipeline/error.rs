@@ -12,6 +12,7 @@ use crate::metrics::MetricsError;
 use crate::mvs::MatchError;
 use crate::nn::features::FeatureError;
 use crate::nn::lpips::LpipsError;
+use crate::nn::onnx::OnnxError;
 use crate::perspective::PerspectiveError;
 use crate::predict::PredictError;
 use crate::predict::learn::LearnError;
@@ -539,6 +540,12 @@ impl PipelineError {
             | Self::Predict(PredictError::Interrupted(_))
             | Self::Learn(LearnError::Interrupted(_) | LearnError::Simulate(SimulateError::Interrupted(_)))
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
+            Self::Prior(PriorError::Network(OnnxError::Memory { .. }))
+            | Self::Feature(FeatureError::Onnx(OnnxError::Memory { .. }))
+            | Self::Predict(
+                PredictError::Onnx(OnnxError::Memory { .. })
+                | PredictError::Features(FeatureError::Onnx(OnnxError::Memory { .. })),
+            ) => ErrorKind::Resources,
             Self::Json { .. }
             | Self::Write(_)
             | Self::Mesh(MeshError::Write(_))

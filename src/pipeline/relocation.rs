@@ -3,6 +3,7 @@
 //! The moved files are written into a folder beside the present ones, which is then renamed to `RUN/align.pending`. From
 //! then on the run counts as moved: whichever call comes next puts the files in their place first.
 
+use super::appearance::hash_of;
 use super::stage::Stage;
 use super::{PipelineError, RunLock, TrainedCameras, outdated};
 use crate::bundle::Adjustment;
@@ -11,9 +12,11 @@ use crate::frame::Point;
 use crate::io::{WriteError, read_georeference, read_json, write_json, write_moved};
 use crate::progress::{NoProgress, Progress};
 use crate::run_files::{
-    ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, PREDICTED, SPLATS, SURFACE,
+    ADJUSTMENT, APPEARANCE, CAMERAS, CONFIDENCE, DSM, FIRST_SURFACE, HEIGHT_SPLATS, HILLSHADE, ORTHO,
+    PREDICTED, SPLATS, SURFACE,
 };
 use crate::scene::Scene;
+use crate::splat::appearance::satgs::TrainedAppearance;
 use crate::splat::ply;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -88,8 +91,15 @@ fn write_moved_files(
         let [x, y, z] = origin.xyz();
         cameras.setup.site.origin = Point::new(x + shift.east_m, y + shift.north_m, z + shift.up_m);
         write_json(&to.join(CAMERAS), &cameras)?;
-        let splats = ply::read(&run.join(SPLATS))?;
-        ply::write(&to.join(SPLATS), &splats, &cameras.setup.site)?;
+        for name in [SPLATS, HEIGHT_SPLATS].into_iter().filter(|name| run.join(name).exists()) {
+            ply::write(&to.join(name), &ply::read(&run.join(name))?, &cameras.setup.site)?;
+        }
+        // The colour model names the splats that it belongs to by the hash of their file, which holds their place.
+        if run.join(APPEARANCE).exists() {
+            let mut appearance = TrainedAppearance::read(&run.join(APPEARANCE))?;
+            appearance.content.splats = hash_of(&to.join(SPLATS))?;
+            appearance.write(&to.join(APPEARANCE))?;
+        }
     }
     // The splats from which training goes on have a georeference of their own.
     let predicted = run.join(PREDICTED);

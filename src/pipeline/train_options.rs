@@ -19,6 +19,9 @@ pub struct TrainOptions {
     /// Start from splats that are predicted of the matched surface, or of the points of the scene without one. A run that `predict`
     /// made starts from its splats in any case.
     pub predict: bool,
+    /// Whether scenes without points start from their depth maps, and align priors with these, also where they are a reference that
+    /// no survey has (LEVIR-NVS, ScanNet++).
+    pub reference_points: bool,
     /// Number of iterations, to which the recipe's schedule is scaled; by default the recipe's own.
     pub iterations: Option<u32>,
     /// Seed of all random numbers. The same seed gives the same bytes.
@@ -51,6 +54,7 @@ impl Default for TrainOptions {
             primitive: None,
             start: None,
             predict: false,
+            reference_points: false,
             iterations: None,
             seed: 0,
             checkpoint_every: 500,
@@ -157,6 +161,11 @@ impl TrainOptions {
                 expected: "a recipe of perspective scenes",
             })?;
             recipe.perspective = Some(PerspectiveRecipe { start_points, ..perspective });
+        }
+        if self.reference_points && recipe.perspective.is_none() {
+            let found = format!("given with recipe `{}`", recipe.name);
+            let expected = "a recipe of perspective scenes";
+            return Err(PipelineError::Option { option: "--reference-points", found, expected });
         }
         if recipe.idle_weight().is_some() {
             let expected = "2d: the recipe has loss terms of discs";

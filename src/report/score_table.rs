@@ -61,8 +61,7 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
 }
 
 /// Explanation of the columns of the table of scores.
-pub const SCORE_NOTE: &str =
-    "σ: standard deviation, – where the heights do not tell it; confirmed: cells that two views or more see; filled: the other \
+pub const SCORE_NOTE: &str = "σ: standard deviation, – where the heights do not tell it; confirmed: cells that two views or more see; filled: the other \
      predicted cells, whose heights are those of cells around them; no holes: MAE with holes filled by the nearest cell; median: \
      of |error|; <: % of cells; complete: predicted cells / cells of land; parts of the land: after xyz";
 

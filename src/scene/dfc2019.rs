@@ -3,7 +3,7 @@
 //!
 //! The lists `test.txt` and `train.txt` ([`Roles`]) lie in the folder of RPC files and hold names `NAME.json`.
 
-use super::files::stem;
+use super::files::{has_extension, stem};
 use super::roles::Roles;
 use super::sidecar::{Sidecars, camera_of};
 use super::source::{files_in, images_in, view};
@@ -72,7 +72,7 @@ pub(super) fn read(
 /// Checks that every RPC file has its image; a missing image means that the scene was copied incompletely.
 fn check_images_exist(images: &[PathBuf], listing: &[PathBuf], folder: &Path) -> Result<(), SceneError> {
     let names: BTreeSet<String> = images.iter().map(|i| stem(i).to_lowercase()).collect();
-    let is_json = |p: &&PathBuf| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let is_json = |p: &&PathBuf| has_extension(p, &["json"]);
     for rpc in listing.iter().filter(is_json) {
         let name = stem(rpc);
         let lower = name.to_lowercase();

@@ -10,12 +10,18 @@ pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
     Ok(decode_text(&bytes))
 }
 
-/// The file name without its extension.
+/// The file name without its extension. The query of a URL is no part of a name.
 pub(super) fn stem(path: &Path) -> String {
-    path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
+    vsi::split_query(path).0.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
-/// The file name, for messages.
+/// The file name. The query of a URL is no part of it.
 pub(super) fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+    vsi::split_query(path).0.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+}
+
+/// Whether a file name has one of some extensions, which are in lower case.
+pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    let extension = vsi::split_query(path).0.extension();
+    extension.is_some_and(|e| extensions.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
 }

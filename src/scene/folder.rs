@@ -3,7 +3,7 @@
 //! As in GDAL, an RPC beside an image has precedence over one in it ([`super::RPC_ORDER`] lists the order). RPCs that differ
 //! by more than 0.1 px give a warning. The lists `test.txt` and `train.txt` ([`Roles`]) lie beside the images.
 
-use super::files::stem;
+use super::files::{has_extension, stem};
 use super::roles::Roles;
 use super::sidecar::Sidecars;
 use super::source::{files_in, images_in, is_companion, no_rpc, other_rasters, view};
@@ -69,7 +69,7 @@ fn without_sidecars(mut listing: Vec<PathBuf>, images: &[PathBuf]) -> Vec<PathBu
 
 /// Whether a companion file is a raster, by its name.
 fn has_pixels(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tif") || e.eq_ignore_ascii_case("tiff"))
+    has_extension(path, &["tif", "tiff"])
 }
 
 /// Sets a Planet `udm2`, whose first band is 1 where the image is clear, as the mask of its image. Returns a sentence that

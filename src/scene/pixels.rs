@@ -16,6 +16,10 @@ const BYTES: (f32, f32) = (0.0, 255.0);
 const FEW: (usize, usize) = (4, 64);
 const MANY: (usize, usize) = (8, 256);
 
+/// Least number of known ones among the eight neighbours of a missing pixel that is filled: a line of one pixel has six, the corner
+/// of a larger hole five.
+const SPECK_NEIGHBOURS: usize = 6;
+
 /// Quantile of the values of an image that stands for its shadows.
 const SHADOW_QUANTILE: f64 = 0.05;
 /// Geometric mean of median and shadows, of 8-bit brightness, above which an image is taken for one with display gamma.
@@ -217,6 +221,35 @@ impl GrayImage<'_> {
         let data = pixels.map(|i| bands.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
         Ok(Grid2 { width: window.width, height: window.height, data })
     }
+
+    /// As [`GrayImage::read`], with single missing pixels filled from their neighbours.
+    ///
+    /// # Errors
+    /// As [`GrayImage::read`].
+    pub fn read_without_specks(&self, window: Window) -> Result<Grid2, RasterError> {
+        self.read(window).map(without_specks)
+    }
+}
+
+/// The image in which single missing pixels are the mean of those around: scattered ones would leave no keypoint, as each
+/// needs a whole neighbourhood. Larger holes stay.
+fn without_specks(image: Grid2) -> Grid2 {
+    if !image.data.iter().any(|v| v.is_nan()) {
+        return image;
+    }
+    let mut filled = image.clone();
+    for (i, value) in filled.data.iter_mut().enumerate().filter(|(_, value)| value.is_nan()) {
+        let (col, row) = (i % image.width, i / image.width);
+        let cols = col.saturating_sub(1)..(col + 2).min(image.width);
+        let rows = row.saturating_sub(1)..(row + 2).min(image.height);
+        let around = rows.flat_map(|row| cols.clone().map(move |col| (col, row)));
+        let known = around.map(|(col, row)| image.at(col, row)).filter(|v| !v.is_nan());
+        let (sum, count) = known.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
+        if count >= SPECK_NEIGHBOURS {
+            *value = sum / count as f32;
+        }
+    }
+    filled
 }
 
 /// The opened files of a view.
@@ -279,4 +312,24 @@ fn stretch(values: impl Iterator<Item = f32>, tail: f64) -> (f32, f32) {
     let mut rank =
         |share: f64| *values.select_nth_unstable_by((share * last as f64) as usize, f32::total_cmp).1;
     (rank(tail), rank(1.0 - tail))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn single_missing_pixels_are_filled_and_holes_stay() {
+        let hole = |col: usize, row: usize| (5..9).contains(&col) && (5..9).contains(&row);
+        let is_missing = |col, row| hole(col, row) || (col, row) == (2, 2) || col == 11;
+        let image =
+            Grid2::from_fn(14, 12, |col, row| if is_missing(col, row) { f32::NAN } else { col as f32 });
+        let filled = without_specks(image);
+        assert_eq!((filled.at(2, 2), filled.at(11, 6)), (2.0, 11.0));
+        for row in 0..12 {
+            for col in 0..14 {
+                assert_eq!(filled.at(col, row).is_nan(), hole(col, row) || col == 11 && row % 11 == 0);
+            }
+        }
+    }
 }

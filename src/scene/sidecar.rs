@@ -69,7 +69,7 @@ impl Sidecars {
     /// Finds the sidecar files of `image` in a listing of its folder.
     pub(super) fn of(image: &Path, listing: &[PathBuf]) -> Self {
         let name = stem(image).to_lowercase();
-        let file = image.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
+        let file = file_name(image).to_lowercase();
         let (product, tile) = split_tile(&name);
         let mut own = by_name(&name, &CAMERAS, listing);
         own.extend(exactly(&format!("{file}.rpc"), listing));
@@ -230,13 +230,12 @@ pub(super) fn camera_of(name: &str, listing: &[PathBuf]) -> Option<PathBuf> {
 }
 
 fn exactly(wanted: &str, listing: &[PathBuf]) -> Vec<PathBuf> {
-    let named = |p: &&PathBuf| p.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase() == wanted);
-    listing.iter().filter(named).cloned().collect()
+    listing.iter().filter(|p| file_name(p).to_lowercase() == wanted).cloned().collect()
 }
 
 /// Whether a file holds an RPC. Files with general suffixes (`NAME.txt`, `NAME.xml`) must contain field names of an RPC.
 fn is_about_rpc(path: &Path) -> bool {
-    let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
+    let name = file_name(path).to_lowercase();
     let says_so = |ending: &&&str| ending.contains("rp") || ending.contains("geom");
     if name.starts_with("rpc_") || CAMERAS.iter().filter(says_so).any(|ending| name.ends_with(ending)) {
         return true;

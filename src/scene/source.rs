@@ -1,7 +1,7 @@
 //! Reading of one view: the image file, the RPCs in and beside it, its sun and date.
 
 use super::camera_choice::{Candidate, READ_BY_GDAL, SidecarTags, choose};
-use super::files::{file_name, read_text, stem};
+use super::files::{file_name, has_extension, read_text, stem};
 use super::sidecar::{Sidecars, likely_names};
 use super::{Role, SceneError, Sun, View};
 use crate::io::{ImageFile, vsi};
@@ -22,10 +22,7 @@ const OFF_NADIR_DEG: f64 = 5.0;
 pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let mut found: Vec<PathBuf> = files_in(folder)?
         .into_iter()
-        .filter(|p| {
-            let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-            extension.is_some_and(|e| IMAGES.contains(&e.as_str())) && !is_folder(p) && !is_companion(p)
-        })
+        .filter(|p| has_extension(p, &IMAGES) && !is_folder(p) && !is_companion(p))
         .collect();
     found.sort();
     Ok(found)
@@ -51,7 +48,7 @@ fn is_folder(path: &Path) -> bool {
 /// Paths of the source images of a virtual raster (VRT), as it states them; empty for any other file.
 #[must_use]
 pub fn sources_of(image: &Path) -> Vec<PathBuf> {
-    if !image.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt")) {
+    if !has_extension(image, &["vrt"]) {
         return Vec::new();
     }
     let Ok(text) = read_text(image) else { return Vec::new() };
@@ -74,10 +71,7 @@ pub(super) fn is_companion(path: &Path) -> bool {
 
 /// Rasters of a listing in formats that are not searched for views.
 pub(super) fn other_rasters(listing: &[PathBuf]) -> impl Iterator<Item = &PathBuf> {
-    listing.iter().filter(|p| {
-        let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-        extension.is_some_and(|e| OTHER_RASTERS.contains(&e.as_str())) && !is_folder(p)
-    })
+    listing.iter().filter(|p| has_extension(p, &OTHER_RASTERS) && !is_folder(p))
 }
 
 /// Reads the view of an image, with the RPC in or beside it that fits it; `None` if there is no RPC.
@@ -164,7 +158,7 @@ pub(super) fn no_rpc(image: &Path) -> SceneError {
 /// An error in the most preferred file is returned; damaged files after a valid one are ignored.
 fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Candidate>, FormatError> {
     let mut found = Vec::new();
-    let is_virtual = file.path().extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt"));
+    let is_virtual = has_extension(file.path(), &["vrt"]);
     if is_virtual && !sidecars.is_chosen {
         found.extend(own_camera(file)?);
     }

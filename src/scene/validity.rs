@@ -1,12 +1,12 @@
 //! The valid pixels of a view, from all sources, for all stages.
 //!
 //! A pixel is not valid if it is 0 in an alpha band, in a mask in or beside the file (`.msk`) or in the mask of the user, if
-//! its value is not finite, or if it is nodata as the file or the metadata of the product declare it. In images of whole
-//! numbers a nodata value may occur as a colour too, as 0 in the shadows of an 8-bit image: if it lies within the range of
-//! the other values, it is nodata only where it is connected with the border, otherwise everywhere.
+//! its value is no measurement ([`is_measurement`]), or if it is nodata as the file or the metadata of the product declare it.
+//! In images of whole numbers a nodata value may occur as a colour too, as 0 in the shadows of an 8-bit image: if it lies
+//! within the range of the other values, it is nodata only where it is connected with the border, otherwise everywhere.
 
 use super::View;
-use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
+use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window, is_measurement};
 
 /// Number of pixels that are read at a time.
 const STRIP_PX: usize = 1 << 22;
@@ -107,7 +107,7 @@ pub(super) fn valid_pixels(
         if has_values_to_test {
             let bands = bands(view, file, window)?;
             for (i, hidden) in hidden.iter_mut().enumerate().filter(|(_, hidden)| !**hidden) {
-                *hidden = bands.iter().any(|p| !p.data[i].is_finite());
+                *hidden = bands.iter().any(|p| !is_measurement(p.data[i]));
                 if !*hidden {
                     let (col, row) = place(i, window, used);
                     found.look(bands.iter().map(|p| p.data[i]).zip(nodata.iter().copied()), col, row);

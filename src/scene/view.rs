@@ -1,5 +1,6 @@
 //! A scene and its views: names, files and geometry. Pixels are read when they are needed.
 
+use super::files::file_name;
 use super::{Aoi, TransferFunction};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, wrap_longitude_deg};
 use crate::io::Window;
@@ -173,7 +174,7 @@ impl View {
     #[must_use]
     pub fn tags(&self) -> ViewTags {
         ViewTags {
-            image: self.image.file_name().map(|n| n.to_string_lossy().into_owned()),
+            image: Some(file_name(&self.image)).filter(|name| !name.is_empty()),
             size: self.window.is_none().then_some((self.width, self.height)),
             sun_deg: self.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
             acquired: self.acquired.clone(),

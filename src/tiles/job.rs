@@ -3,11 +3,12 @@
 use super::done::{Done, Failure, seal, tile_folder};
 use super::error::TilesError;
 use super::plan::{Plan, PlannedFile, Tile, TileSurface, TileTraining};
-use super::resources::{available_mb, free_disk_mb, peak_mb, reset_peak};
+use super::resources::free_disk_mb;
 use crate::affine::SiteFrame;
 use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm};
-use crate::io::{Window, WriteError, read_json, remove_if_there, write_json};
+use crate::io::{Window, WriteError, available_memory_mb, peak_memory_mb, read_json, remove_if_there};
+use crate::io::{reset_peak_memory, write_json};
 use crate::pipeline::{
     DsmOptions, ErrorKind, Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, dsm_locked,
     read_scene, train_locked,
@@ -86,7 +87,7 @@ impl Job<'_> {
     fn make(&self, progress: &dyn Progress) -> Result<Done, TilesError> {
         self.require_resources()?;
         let started = std::time::Instant::now();
-        reset_peak();
+        reset_peak_memory();
         self.set_up(progress)?;
         let trained = train_locked(&self.folder, &self.train_options()?, progress)?;
         let trained = trained.summary();
@@ -95,7 +96,7 @@ impl Job<'_> {
             input_hash: self.tile.input_hash.clone(),
             satgs: env!("CARGO_PKG_VERSION").into(),
             seconds: trained.map_or(0.0, |t| t.seconds).max(started.elapsed().as_secs_f64()),
-            peak_memory_mb: peak_mb(),
+            peak_memory_mb: peak_memory_mb(),
             splats: trained.map_or(0, |t| t.splats),
             files: seal(&self.folder, &FILES.map(String::from)).map_err(TilesError::of_own_file)?,
         };
@@ -112,7 +113,7 @@ impl Job<'_> {
             }
             _ => Ok(()),
         };
-        short("memory", available_mb(), needed_mb)?;
+        short("memory", available_memory_mb(), needed_mb)?;
         short("disk space", free_disk_mb(&self.folder), DISK_SHARE * needed_mb)
     }
 

@@ -82,6 +82,7 @@ impl TileTraining {
             primitive,
             start: _,
             predict,
+            reference_points: _,
             iterations,
             seed,
             checkpoint_every: _,

@@ -1,27 +1,8 @@
-//! Memory and disk of the machine, and the peak memory of this process, where the system tells them.
+//! Disk of the machine, where the system tells it.
 
-use std::fs;
 use std::path::Path;
 
-/// Bytes in a megabyte, and in a kilobyte of Linux.
 const MEGABYTE: f64 = 1e6;
-const KIBIBYTE: f64 = 1024.0;
-/// Where control groups are, and the files with their limits of memory: version 2 and version 1.
-const GROUPS: [(&str, &str); 2] =
-    [("/sys/fs/cgroup", "memory.max"), ("/sys/fs/cgroup/memory", "memory.limit_in_bytes")];
-
-/// Memory of the machine, or of the control groups that the process runs in, as batch systems and containers set them,
-/// megabytes.
-pub fn available_mb() -> Option<f64> {
-    let machine = field(Path::new("/proc/meminfo"), "MemTotal:");
-    let own = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-    // Lines are `0::/path` in version 2, `4:memory:/path` in version 1.
-    let paths = own.lines().filter_map(|line| line.rsplit_once(':')).map(|(_, path)| Path::new(path));
-    let groups = paths.flat_map(Path::ancestors).filter_map(|path| path.strip_prefix("/").ok());
-    let limits = groups.flat_map(|group| GROUPS.map(|(root, file)| Path::new(root).join(group).join(file)));
-    let bytes = limits.filter_map(|path| fs::read_to_string(path).ok()?.trim().parse::<f64>().ok());
-    bytes.map(|bytes| bytes / MEGABYTE).chain(machine).min_by(f64::total_cmp)
-}
 
 /// Free disk space for files in a folder that exists or can be made, megabytes.
 pub fn free_disk_mb(folder: &Path) -> Option<f64> {
@@ -29,36 +10,9 @@ pub fn free_disk_mb(folder: &Path) -> Option<f64> {
     crate::io::free_disk_bytes(existing).map(|bytes| bytes as f64 / MEGABYTE)
 }
 
-/// Largest memory that this process had since [`reset_peak`], megabytes.
-pub fn peak_mb() -> Option<f64> {
-    field(Path::new("/proc/self/status"), "VmHWM:")
-}
-
-/// Begins a new measurement of the peak memory. Where the system does not allow it, the peak is that of the process.
-pub fn reset_peak() {
-    let _ = fs::write("/proc/self/clear_refs", "5");
-}
-
-/// A field in kilobytes of a file of the system, in megabytes.
-fn field(path: &Path, name: &str) -> Option<f64> {
-    let text = fs::read_to_string(path).ok()?;
-    let value = text.lines().find_map(|line| line.strip_prefix(name))?;
-    let kilobytes: f64 = value.trim().trim_end_matches("kB").trim().parse().ok()?;
-    Some(kilobytes * KIBIBYTE / MEGABYTE)
-}
-
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_peak_follows_an_allocation_and_can_be_reset() {
-        let before = peak_mb().unwrap();
-        let block = std::hint::black_box(vec![1u8; 300_000_000]);
-        assert!(peak_mb().unwrap() > before.max(250.0));
-        drop(block);
-        assert!(available_mb().unwrap() > 300.0);
-    }
 
     #[test]
     fn free_disk_space_is_that_of_the_nearest_folder_that_exists() {

@@ -57,6 +57,38 @@ fn images_with_exchanged_cameras_are_refused() {
     assert!(matches!(error, BundleError::NotConnected { .. }), "{error}");
 }
 
+/// Two views with each other's cameras agree in themselves: roofs are pits to them.
+#[test]
+fn exchanged_cameras_of_two_of_four_views_are_found_by_the_relief() {
+    let (_folder, mut scene) = town();
+    scene.views.truncate(4);
+    let second = scene.views[1].rpc.clone();
+    scene.views[1].rpc = std::mem::replace(&mut scene.views[0].rpc, second);
+    match adjusted(&scene) {
+        Err(error) => assert!(matches!(error, BundleError::UpsideDown { .. }), "{error}"),
+        Ok(made) => {
+            let left_out: Vec<&str> = made.report.left_out.iter().map(|(name, _)| name.as_str()).collect();
+            assert!(left_out.contains(&"VIEW_01") && left_out.contains(&"VIEW_02"), "{left_out:?}");
+        }
+    }
+}
+
+#[test]
+fn a_copy_of_an_image_in_another_file_is_left_out() {
+    let (folder, mut scene) = town();
+    let mut copy = scene.views[0].clone();
+    copy.image = folder.path().join("copy.tif");
+    copy.name = "copy".into();
+    let file = satgs::io::ImageFile::open(&scene.views[0].image).unwrap();
+    let pixels: Vec<u8> = file.read(1).unwrap().data.iter().map(|v| *v as u8).collect();
+    (copy.rpc, copy.bands) = (scene.views[1].rpc.clone(), vec![1]);
+    write(&scene, 1, &copy.image, pixels);
+    scene.views[0].bands = vec![1];
+    scene.views.push(copy);
+    let made = adjusted(&scene).unwrap();
+    assert_eq!(made.report.left_out, [("copy".to_owned(), "its pixels are those of `VIEW_01`".to_owned())]);
+}
+
 #[test]
 fn an_image_upside_down_is_named() {
     let (folder, mut scene) = town();

@@ -1,6 +1,7 @@
 //! Runs of recipe `satgs`: the bytes of the colours, and what is refused.
 
 use crate::common::{copy_folder, refused, succeeds};
+use satgs::io::write_moved;
 use satgs::pipeline::{PipelineError, TrainOptions, train};
 use satgs::progress::{Event, Recorder};
 use std::path::Path;
@@ -60,6 +61,7 @@ fn colours_are_kept_as_they_were_trained_and_what_is_damaged_or_unknown_is_refus
     scoring_a_view_does_not_change_the_colours(&runs);
     networks_of_others_are_refused_before_training(&runs);
     damaged_colours_and_those_of_other_splats_are_refused(&runs);
+    an_aligned_run_keeps_its_colours(&runs);
     a_date_between_undated_views_is_refused_and_a_view_without_a_sun_is_rendered_without_shadows(&runs);
 }
 
@@ -120,6 +122,18 @@ fn damaged_colours_and_those_of_other_splats_are_refused(runs: &Runs) {
     runs.write("damaged/appearance.safetensors", &colors);
     std::fs::copy(runs.path("damaged/train/splats.ply"), runs.path("damaged/splats.ply")).unwrap();
     refused(&render, 2, &["appearance.safetensors", "splats.ply"]);
+}
+
+fn an_aligned_run_keeps_its_colours(runs: &Runs) {
+    runs.copy("trained", "aligned");
+    let (run, reference) = (runs.path("aligned"), runs.path("elsewhere.tif"));
+    succeeds(&["dsm", &run, "-q"]);
+    write_moved(Path::new(&runs.path("aligned/dsm.tif")), Path::new(&reference), [4.0, -2.0, 5.0]).unwrap();
+    let before = runs.bytes("aligned/splats.ply");
+    succeeds(&["align", &run, "--to", &reference]);
+    assert!(runs.bytes("aligned/splats.ply") != before, "the run was not moved");
+    succeeds(&["render", &run, "--view", "0,0", "-o", &runs.path("picture.png")]);
+    succeeds(&["dsm", &run, "-q"]);
 }
 
 fn a_date_between_undated_views_is_refused_and_a_view_without_a_sun_is_rendered_without_shadows(runs: &Runs) {

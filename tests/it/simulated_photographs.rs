@@ -255,7 +255,8 @@ fn a_scene_in_the_layout_of_levir_is_trained_by_recipe_geoprop_and_scored() {
     let text = |path: &Path| path.to_str().unwrap().to_owned();
     let (run, levir) = (text(&run), text(&levir));
     let depths = format!("{levir}/Depths");
-    let options = ["--recipe", "geoprop", "--depth-prior", &depths, "--iterations", "60", "-q"];
+    let options =
+        ["--recipe", "geoprop", "--depth-prior", &depths, "--reference-points", "--iterations", "60", "-q"];
     let output = satgs(&[&["run", &levir, "-o", &run], &options[..]].concat());
     assert!(output.status.success(), "{}", common::text(&output));
     let output = satgs(&["nvs-eval", &run, "--json"]);

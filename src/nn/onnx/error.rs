@@ -37,6 +37,52 @@ pub enum OnnxError {
         /// Name of the node; its first output where it has none.
         node: String,
     },
+    /// The graph has operators of a version that is not known.
+    #[error("`{path}` has operators of version {}, expected 7 to 28", stated(.found))]
+    #[diagnostic(help("export the network for another `opset_version`, such as 17"))]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Its version of the operators; none if it states none.
+        found: Option<i64>,
+    },
+    /// An operator cannot be computed as it is defined.
+    #[error("`{path}`: node `{node}`, a `{op_type}`, cannot be computed: {reason}")]
+    #[diagnostic(help(
+        "export the network for a newer `opset_version`, such as 17, or without this operator"
+    ))]
+    Operator {
+        /// The file.
+        path: PathBuf,
+        /// Name of the node; its first output where it has none.
+        node: String,
+        /// Its operator.
+        op_type: String,
+        /// What is not supported.
+        reason: String,
+    },
+    /// The network needs more memory than there is.
+    #[error(
+        "`{path}` needs about {needed_mb:.0} MB for a picture of {columns} x {rows} pixels, this machine has {available_mb:.0} MB; \
+         its largest tensor `{node}` is {shape:?}"
+    )]
+    #[diagnostic(help("export the network for a smaller picture, or run it on a machine with more memory"))]
+    Memory {
+        /// The file.
+        path: PathBuf,
+        /// Sides of the picture, pixels.
+        columns: usize,
+        /// See `columns`.
+        rows: usize,
+        /// Memory of the tensors that are needed at once, megabytes.
+        needed_mb: f64,
+        /// Memory of the machine, megabytes.
+        available_mb: f64,
+        /// Name of the largest tensor.
+        node: String,
+        /// Its shape.
+        shape: Vec<usize>,
+    },
     /// The runtime refuses the graph.
     #[error("`{path}` cannot be loaded: {cause}")]
     #[diagnostic(help(
@@ -76,10 +122,18 @@ pub enum OnnxError {
     },
     /// The network cannot be evaluated.
     #[error("evaluating `{path}` failed: {cause}")]
+    #[diagnostic(help(
+        "does the network take pictures as f32 [1, 3, rows, columns], and does onnxruntime run it?"
+    ))]
     Run {
         /// The file.
         path: PathBuf,
         /// Error of the runtime.
         cause: Cause,
     },
+}
+
+/// A version, if a file states one.
+fn stated(version: &Option<i64>) -> String {
+    version.map_or_else(|| "none".to_owned(), |version| version.to_string())
 }

@@ -1,10 +1,18 @@
 //! Networks that a user brings as ONNX files, evaluated with rten: those that take one picture, and those with named inputs. ONNX
 //! files that are written.
 
+mod convert;
 mod error;
+mod fault;
 mod graph;
+mod memory;
 mod model;
 mod named;
+mod node;
+mod operators;
+mod resize;
+mod runtime;
+mod wire;
 pub(crate) mod writer;
 
 pub use error::OnnxError;
@@ -13,3 +21,5 @@ pub(crate) use named::{NamedInput, NamedModel};
 
 #[cfg(test)]
 pub(crate) mod made_graph;
+#[cfg(test)]
+mod operator_tests;

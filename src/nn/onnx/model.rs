@@ -1,11 +1,12 @@
 //! A network with one picture as its input.
 
 use super::error::OnnxError;
-use super::graph::{Fault, check};
+use super::memory::Estimate;
+use super::runtime::Runtime;
 use crate::io::Cause;
-use rten::{DataType, Dimension, Model, NodeId, RunOptions, ThreadPool, TryFromValueError, Value, ValueType};
+use rten::{DataType, Dimension, Model, NodeId, NodeInfo, TryFromValueError, Value, ValueType};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Mutex, PoisonError};
 
 /// Largest side of an input, pixels: beyond it a file is damaged rather than made for such pictures.
 pub const MOST_SIDE_PX: usize = 4096;
@@ -36,12 +37,13 @@ impl Normalization {
 /// A network that takes one picture, f32 `[1, 3, rows, columns]`, and of which the first output is used.
 pub struct OnnxModel {
     path: PathBuf,
-    model: Model,
+    runtime: Runtime,
     input: NodeId,
     output: NodeId,
-    threads: Arc<ThreadPool>,
     rows: Option<usize>,
     columns: Option<usize>,
+    /// Sizes of pictures, rows and columns, for which the memory is known to suffice.
+    sufficient: Mutex<Vec<[usize; 2]>>,
 }
 
 /// A tensor of f32 of rank 3 or 4.
@@ -88,15 +90,13 @@ impl OnnxModel {
     /// [`OnnxError`] if the file cannot be read or is cut short, if its graph takes something else than one picture or has no
     /// output, or if it has operators that rten does not compute or computes as others (cubic `Resize`).
     pub fn load(path: &Path) -> Result<Self, OnnxError> {
-        check_file(path)?;
-        let model = caused(|| Model::load_file(path))
-            .map_err(|cause| OnnxError::Load { path: path.into(), cause })?;
-        let Some((input, [rows, columns])) = picture_input(&model) else {
-            return Err(wrong_input(&model, path, "[1, 3, rows, columns]"));
+        let runtime = Runtime::load(path)?;
+        let model = runtime.model();
+        let Some((input, [rows, columns])) = picture_input(model) else {
+            return Err(wrong_input(model, path, "[1, 3, rows, columns]"));
         };
         let output = *model.output_ids().first().ok_or_else(|| OnnxError::NoOutput { path: path.into() })?;
-        let threads = Arc::new(ThreadPool::with_num_threads(rayon::current_num_threads()));
-        Ok(Self { path: path.into(), model, input, output, threads, rows, columns })
+        Ok(Self { path: path.into(), runtime, input, output, rows, columns, sufficient: Mutex::default() })
     }
 
     /// The file.
@@ -111,31 +111,33 @@ impl OnnxModel {
 
     /// The error that the input has another shape than `expected`.
     pub fn wrong_input(&self, expected: &'static str) -> OnnxError {
-        wrong_input(&self.model, &self.path, expected)
+        wrong_input(self.runtime.model(), &self.path, expected)
     }
 
     /// The first output for a picture of these rows and columns: normalised values, colour by colour and row by row.
     ///
     /// # Errors
-    /// [`OnnxError::Run`].
+    /// [`OnnxError::Memory`], [`OnnxError::Run`].
     pub fn evaluate(&self, [rows, columns]: [usize; 2], values: Vec<f32>) -> Result<OnnxOutput, OnnxError> {
+        self.check_memory([rows, columns])?;
         let failed = |cause: Cause| OnnxError::Run { path: self.path.clone(), cause };
         let picture = Value::from_shape([1, 3, rows, columns], values).map_err(|e| failed(e.into()))?;
-        let options = RunOptions::default().with_thread_pool(Some(self.threads.clone()));
-        let [output] =
-            caused(|| self.model.run_n(vec![(self.input, picture.into())], [self.output], Some(options)))
-                .map_err(failed)?;
+        let output = self.runtime.run(vec![(self.input, picture.into())], self.output).map_err(failed)?;
         Ok(OnnxOutput::of(output))
     }
-}
 
-/// Checks that a file is a whole ONNX model which rten computes as written.
-pub(super) fn check_file(path: &Path) -> Result<(), OnnxError> {
-    let bytes = std::fs::read(path).map_err(|cause| OnnxError::Read { path: path.into(), cause })?;
-    check(&bytes).map_err(|fault| match fault {
-        Fault::Damaged { at, reason } => OnnxError::Damaged { path: path.into(), at, reason },
-        Fault::CubicResize { node } => OnnxError::CubicResize { path: path.into(), node },
-    })
+    /// Checks that the tensors for a picture fit into the memory that there is.
+    fn check_memory(&self, [rows, columns]: [usize; 2]) -> Result<(), OnnxError> {
+        let mut sufficient = self.sufficient.lock().unwrap_or_else(PoisonError::into_inner);
+        if !sufficient.contains(&[rows, columns]) {
+            let info = self.runtime.model().node_info(self.input);
+            let name = info.as_ref().and_then(NodeInfo::name).unwrap_or_default();
+            let estimate = Estimate::of(&self.path, name, &[1, 3, rows, columns])?;
+            estimate.check(&self.path, [rows, columns])?;
+            sufficient.push([rows, columns]);
+        }
+        Ok(())
+    }
 }
 
 /// The graph's only input, and the rows and columns of its pictures, each if it is fixed.
@@ -161,12 +163,24 @@ fn picture_size(shape: &[Dimension]) -> Option<[Option<usize>; 2]> {
 
 fn wrong_input(model: &Model, path: &Path, expected: &'static str) -> OnnxError {
     let inputs = model.input_ids().iter().filter_map(|&id| model.node_info(id));
-    let found: Vec<String> = inputs.map(|info| format!("{info:?}")).collect();
+    let found: Vec<String> = inputs.map(|info| described(&info)).collect();
     let found = if found.is_empty() { "nothing".to_owned() } else { found.join(", ") };
     OnnxError::Input { path: path.into(), found, expected }
 }
 
-/// What the runtime returns, with its error as a cause.
-pub(super) fn caused<T, E: Into<Cause>>(run: impl FnOnce() -> Result<T, E>) -> Result<T, Cause> {
-    run().map_err(Into::into)
+/// Name, type and shape of an input, such as `x: f32 [1, 3, rows, 518]`.
+fn described(info: &NodeInfo) -> String {
+    let name = info.name().unwrap_or("an input without a name");
+    let dtype = info.dtype().map_or_else(|| "unknown type".to_owned(), |dtype| dtype.to_string());
+    let sides = info.shape().map(|shape| {
+        let side = |dimension: &Dimension| match dimension {
+            Dimension::Fixed(size) => size.to_string(),
+            Dimension::Symbolic(name) => name.clone(),
+        };
+        shape.iter().map(side).collect::<Vec<_>>().join(", ")
+    });
+    match sides {
+        Some(sides) => format!("`{name}`: {dtype} [{sides}]"),
+        None => format!("`{name}`: {dtype} of any shape"),
+    }
 }

@@ -1,11 +1,10 @@
 //! Networks with several inputs, known by their names, and one output.
 
 use super::error::OnnxError;
-use super::model::{caused, check_file};
+use super::runtime::Runtime;
 use crate::io::Cause;
-use rten::{Model, NodeId, RunOptions, ThreadPool, Value};
+use rten::{NodeId, Value};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// A tensor of an input, by its shape.
 pub(crate) enum NamedInput {
@@ -16,10 +15,9 @@ pub(crate) enum NamedInput {
 /// A network from an ONNX file.
 pub(crate) struct NamedModel {
     path: PathBuf,
-    model: Model,
+    runtime: Runtime,
     inputs: Vec<NodeId>,
     output: NodeId,
-    threads: Arc<ThreadPool>,
 }
 
 impl NamedModel {
@@ -29,9 +27,8 @@ impl NamedModel {
     /// [`OnnxError`] if the file cannot be read or is cut short, if the graph has other inputs or no output, or if it has operators
     /// that rten does not compute.
     pub fn load(path: &Path, names: &[&str]) -> Result<Self, OnnxError> {
-        check_file(path)?;
-        let load = || Model::load_file(path);
-        let model = caused(load).map_err(|cause| OnnxError::Load { path: path.into(), cause })?;
+        let runtime = Runtime::load(path)?;
+        let model = runtime.model();
         let inputs: Vec<NodeId> = names.iter().filter_map(|name| model.find_node(name)).collect();
         if inputs.len() != names.len() || inputs.len() != model.input_ids().len() {
             let found =
@@ -40,13 +37,12 @@ impl NamedModel {
             return Err(OnnxError::Names { path: path.into(), found, expected: names.join(", ") });
         }
         let output = *model.output_ids().first().ok_or_else(|| OnnxError::NoOutput { path: path.into() })?;
-        let threads = Arc::new(ThreadPool::with_num_threads(rayon::current_num_threads()));
-        Ok(Self { path: path.into(), model, inputs, output, threads })
+        Ok(Self { path: path.into(), runtime, inputs, output })
     }
 
     /// A text of the file's metadata.
     pub fn metadata(&self, key: &str) -> Option<&str> {
-        self.model.metadata().get(key)
+        self.runtime.model().metadata().get(key)
     }
 
     /// The output, a matrix of these rows and columns, for inputs in the order of their names.
@@ -56,14 +52,13 @@ impl NamedModel {
     pub fn evaluate(&self, inputs: Vec<NamedInput>, size: [usize; 2]) -> Result<Vec<f32>, OnnxError> {
         let failed = |cause: Cause| OnnxError::Run { path: self.path.clone(), cause };
         let value = |input: NamedInput| match input {
-            NamedInput::Float(shape, values) => caused(|| Value::from_shape(&shape[..], values)),
-            NamedInput::Whole(shape, values) => caused(|| Value::from_shape(&shape[..], values)),
+            NamedInput::Float(shape, values) => Value::from_shape(&shape[..], values).map_err(Cause::from),
+            NamedInput::Whole(shape, values) => Value::from_shape(&shape[..], values).map_err(Cause::from),
         };
         let values = inputs.into_iter().map(|input| value(input).map_err(failed));
         let values = values.collect::<Result<Vec<_>, _>>()?;
         let values = self.inputs.iter().copied().zip(values.into_iter().map(Into::into)).collect();
-        let options = RunOptions::default().with_thread_pool(Some(self.threads.clone()));
-        let [output] = caused(|| self.model.run_n(values, [self.output], Some(options))).map_err(failed)?;
+        let output = self.runtime.run(values, self.output).map_err(failed)?;
         let (shape, values) = output.into_shape_vec::<f32, 2>().map_err(|e| failed(e.into()))?;
         if shape != size {
             return Err(failed(format!("its output is {shape:?}, expected {size:?}").into()));

@@ -5,7 +5,7 @@
 const IR_VERSION: i64 = 8;
 const OPERATORS: i64 = 17;
 /// Codes of element types.
-const FLOAT: i64 = 1;
+pub const FLOAT: i64 = 1;
 const INT64: i64 = 7;
 
 /// The type of the elements of an input.
@@ -35,12 +35,19 @@ pub struct GraphWriter {
     nodes: Vec<u8>,
     constants: Vec<u8>,
     values: usize,
+    /// What names begin with.
+    prefix: String,
 }
 
 impl GraphWriter {
+    /// Nodes for a graph that has others: the names of their values begin with this text.
+    pub fn within(prefix: String) -> Self {
+        Self { prefix, ..Self::default() }
+    }
+
     fn name(&mut self) -> String {
         self.values += 1;
-        format!("v{}", self.values - 1)
+        format!("{}v{}", self.prefix, self.values - 1)
     }
 
     /// A tensor of constants.
@@ -63,6 +70,16 @@ impl GraphWriter {
         let name = self.name();
         self.nodes.extend(block(1, &node(op_type, inputs, &[&name], attributes)));
         name
+    }
+
+    /// An operator whose outputs have names already.
+    pub fn named_node(&mut self, op_type: &str, inputs: &[&str], outputs: &[&str], attributes: &[Vec<u8>]) {
+        self.nodes.extend(block(1, &node(op_type, inputs, outputs, attributes)));
+    }
+
+    /// The fields of a graph message that hold the nodes and constants.
+    pub fn into_fields(self) -> Vec<u8> {
+        [self.nodes, self.constants].concat()
     }
 
     /// The bytes of the file. `output` is the value that becomes the output.

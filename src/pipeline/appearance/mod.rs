@@ -8,4 +8,4 @@ mod trained;
 pub(super) use scores::nvs_eval;
 pub(super) use season::embedding_at;
 pub(super) use train::{OtherNetworks, train_locked};
-pub(super) use trained::SceneColors;
+pub(super) use trained::{SceneColors, hash_of};

@@ -34,10 +34,15 @@ const MOST_ALIGNED: usize = 250_000;
 /// Folder of filled pictures of pseudo-views, in that of priors.
 const INPAINTED: &str = "inpainted";
 
-/// The points of the scene, else those of its depth maps. `unit` is the length of a working unit
-/// ([`WorkingFrame`](crate::splat::pinhole::WorkingFrame)) in the frame of the scene.
-pub fn start_points(scene: &PerspectiveScene, unit: f64) -> Result<Vec<ScenePoint>, PipelineError> {
-    let has_depths = scene.training().any(|v| v.depth.is_some());
+/// The points of the scene, else those of its depth maps: of those that are a reference only if `of_reference`. `unit` is the
+/// length of a working unit ([`WorkingFrame`](crate::splat::pinhole::WorkingFrame)) in the frame of the scene.
+pub fn start_points(
+    scene: &PerspectiveScene,
+    unit: f64,
+    of_reference: bool,
+) -> Result<Vec<ScenePoint>, PipelineError> {
+    let is_allowed = of_reference || !scene.layout.has_reference_depths();
+    let has_depths = is_allowed && scene.training().any(|v| v.depth.is_some());
     Ok(match scene.points.is_empty() && has_depths {
         true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO * unit)?,
         false => scene.points.clone(),
@@ -65,7 +70,12 @@ pub(super) fn splats_at_start(
         }
         return Ok(trainable(splats, recipe));
     }
-    let points = start_points(scene, 1.0)?;
+    let points = start_points(scene, 1.0, options.reference_points)?;
+    if points.is_empty() && scene.layout.has_reference_depths() {
+        let text = "the scene has no points, and its depth maps are a reference: training starts from random points \
+                    (--reference-points starts from the depth maps)";
+        progress.event(Event::Note(text.into()));
+    }
     if options.predict {
         let positions: Vec<[f64; 3]> = points.iter().map(|p| p.position.xyz()).collect();
         let made =

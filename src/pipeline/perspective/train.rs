@@ -266,7 +266,7 @@ fn priors(
     let mut priors = vec![ViewPriors::default(); training.len()];
     let mut points = Vec::new();
     if sources.depths.is_some() || sources.normals.is_some() {
-        points.extend(start_points(scene, 1.0)?.iter().map(|p| p.position));
+        points.extend(start_points(scene, 1.0, options.reference_points)?.iter().map(|p| p.position));
         priors = read_priors(sources, &training, &points, &run.join(PRIORS), progress)?;
     }
     if has_sensor && (uses_depths || uses_normals) {
@@ -377,6 +377,9 @@ fn fingerprint(
             Some(PriorSource::Maker(maker)) => format!("{:?} {}", options.priors.kind, maker.hash(content)?),
         };
         out.insert(option.into(), hash(described.as_bytes()));
+    }
+    if options.reference_points && scene.layout.has_reference_depths() {
+        out.insert("--reference-points".into(), "given".into());
     }
     if let Some(command) = &options.inpaint {
         out.insert("--inpaint".into(), command.text().into());

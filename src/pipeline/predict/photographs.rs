@@ -70,7 +70,7 @@ fn predict(
             require_in_photographs(path, &points, scene, options.keeps_place, progress)?;
             points
         }
-        None => start_points(scene, frame.unit())?.iter().map(|p| p.position.xyz()).collect(),
+        None => start_points(scene, frame.unit(), false)?.iter().map(|p| p.position.xyz()).collect(),
     };
     require_fine_coordinates(scene)?;
     let views = read_views(scene, progress)?;

@@ -238,8 +238,8 @@ fn dates_are_converted_to_iso_8601() {
     assert_eq!(iso_date("2014-10-05T16:01:38.250Z").unwrap(), "2014-10-05T16:01:38Z");
     assert_eq!(iso_date("2014-10-05").unwrap(), "2014-10-05");
     assert_eq!(iso_date("2014-10-05T16:01:38+00:00").unwrap(), "2014-10-05T16:01:38Z");
-    assert_eq!(iso_date("2014-10-05T16:01:38.3+02:00"), None);
-    assert_eq!(iso_date("2014-10-05T16:01:38.3-02:00"), None);
+    assert_eq!(iso_date("2014-10-05T16:01:38.3+02:00").unwrap(), "2014-10-05T14:01:38Z");
+    assert_eq!(iso_date("2014-10-05T16:01:38.3-02:00").unwrap(), "2014-10-05T18:01:38Z");
     assert_eq!(iso_date("05OCT14"), None);
     assert_eq!(iso_date("20141305160138"), None);
 }

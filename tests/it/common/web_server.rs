@@ -84,7 +84,8 @@ fn answer(
         range = range.or(line.strip_prefix("range: bytes=").and_then(parse_range));
     }
     requests.lock().unwrap().push(format!("{method} {target}"));
-    let path = root.join(target.trim_start_matches('/'));
+    let (place, _query) = target.split_once('?').unwrap_or((target, ""));
+    let path = root.join(place.trim_start_matches('/'));
     let content = if path.is_dir() {
         if folders == Folders::Listed {
             Ok(listing(&path, target))
