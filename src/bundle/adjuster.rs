@@ -2,7 +2,7 @@
 
 use super::control::tracks_of;
 use super::correction::{ImageFrame, Parameters};
-use super::error::BundleError;
+use super::error::{BundleError, other_heights};
 use super::features::Keypoint;
 use super::network::{Estimate, HEIGHT_MARGIN_M, Network};
 use super::options::BundleOptions;
@@ -125,7 +125,18 @@ impl<'a> Adjuster<'a> {
             let names: Vec<&str> = g.iter().map(|v| self.views[*v].view.name.as_str()).collect();
             format!("{{{}}}", names.join(", "))
         };
-        BundleError::NotConnected { components: groups.iter().map(list).collect::<Vec<_>>().join(" | ") }
+        self.apart(groups.iter().map(list).collect::<Vec<_>>().join(" | "))
+    }
+
+    /// The error that says that no tracks join the views.
+    pub(super) fn no_tracks(&self) -> BundleError {
+        self.apart("no track survived the adjustment".into())
+    }
+
+    fn apart(&self, components: String) -> BundleError {
+        let (low_m, high_m) = self.network.heights;
+        let hint = other_heights(self.network.heights);
+        BundleError::NotConnected { components, low_m, high_m, hint }
     }
 
     /// Narrows the range of heights to that of the points, outliers excepted, with a margin.

@@ -59,6 +59,7 @@ fn is_of_cell(error: &BundleError) -> bool {
         error,
         BundleError::TooFewViews { .. }
             | BundleError::NotConnected { .. }
+            | BundleError::NoOverlap { .. }
             | BundleError::NoBaseline { .. }
             | BundleError::Solver { .. }
             | BundleError::Refit { .. }

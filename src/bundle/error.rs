@@ -6,6 +6,18 @@ use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
 use std::path::PathBuf;
 
+/// Range of heights, metres, above which many wrong matches lie near the epipolar lines: mountains have smaller ones.
+const WIDE_RANGE_M: f64 = 2000.0;
+
+/// Which other heights than those of a range to try.
+pub(super) fn other_heights((low_m, high_m): (f64, f64)) -> &'static str {
+    if high_m - low_m > WIDE_RANGE_M {
+        "the range of heights is very wide: give that of the ground by --height-range or --dem"
+    } else {
+        "--height-range or --dem gives other heights of the ground"
+    }
+}
+
 /// Why a scene could not be adjusted.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
@@ -55,27 +67,72 @@ pub enum BundleError {
         left_out: String,
     },
     /// The matches do not connect all views.
-    #[error("the matches do not connect the views: {components}")]
-    #[diagnostic(help("do the views show the same place? a wider --height-range may help"))]
+    #[error(
+        "the matches do not connect the views: {components}; heights from {low_m:.0} to {high_m:.0} m were searched"
+    )]
+    #[diagnostic(help("do the views show the same place? {hint}"))]
     NotConnected {
         /// Groups of connected views.
         components: String,
+        /// Lowest height that was searched.
+        low_m: f64,
+        /// Highest height that was searched.
+        high_m: f64,
+        /// Which other heights to try.
+        hint: &'static str,
     },
     /// No cell of a large scene's ground gave tie points.
-    #[error("none of the {cells} cells of the ground has tie points: {reasons}")]
-    #[diagnostic(help("do the views show the same place without clouds? a wider --height-range may help"))]
+    #[error(
+        "none of the {cells} cells of the ground has tie points, of heights from {low_m:.0} to {high_m:.0} m: {reasons}"
+    )]
+    #[diagnostic(help("do the views show the same place without clouds? {hint}"))]
     NoCell {
+        /// Lowest height that was searched.
+        low_m: f64,
+        /// Highest height that was searched.
+        high_m: f64,
+        /// Which other heights to try.
+        hint: &'static str,
         /// Number of cells.
         cells: usize,
         /// The cells with the reasons.
         reasons: String,
     },
-    /// All views see the scene from nearly the same direction.
-    #[error("no two views differ by {needed_deg}° in direction: heights cannot be measured")]
+    /// No two views show the same ground.
+    #[error(
+        "no two views share {needed_percent} % of their ground at any height from {low_m:.0} to {high_m:.0} m: \
+         `{first}` and `{second}` share most, {percent:.1} %"
+    )]
+    #[diagnostic(help(
+        "`satgs info` shows the footprints of the views; --height-range or --dem gives the heights of the ground"
+    ))]
+    NoOverlap {
+        /// The two views that share most.
+        first: String,
+        /// The other one.
+        second: String,
+        /// What they share, percent of the smaller footprint.
+        percent: f64,
+        /// What is needed.
+        needed_percent: f64,
+        /// Lowest height that was examined.
+        low_m: f64,
+        /// Highest height that was examined.
+        high_m: f64,
+    },
+    /// All views that share ground see it from nearly the same direction, or from very different ones.
+    #[error(
+        "no two views of the same ground differ by {needed_deg}° to {most_deg}° in direction, but at most by {widest_deg:.1}°: \
+         heights cannot be measured"
+    )]
     #[diagnostic(help("`satgs info` lists the convergence angles"))]
     NoBaseline {
         /// Smallest sufficient angle.
         needed_deg: f64,
+        /// Largest angle of views that are matched.
+        most_deg: f64,
+        /// The widest angle of views that share ground.
+        widest_deg: f64,
     },
     /// The solution failed.
     #[error("the adjustment did not converge: {reason}")]

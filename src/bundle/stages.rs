@@ -159,9 +159,7 @@ impl<'a> Adjuster<'a> {
                 Ok(Outcome::Rejected(rejected.collect()))
             }
             Round::NotConnected(groups) => Err(self.not_connected(&groups)),
-            Round::NoTracks | Round::Adjusted => {
-                Err(BundleError::NotConnected { components: "no track survived the adjustment".into() })
-            }
+            Round::NoTracks | Round::Adjusted => Err(self.no_tracks()),
         }
     }
 

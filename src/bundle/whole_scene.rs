@@ -4,7 +4,7 @@ use super::adjuster::{Adjuster, Outcome, attempt, warn_left_out};
 use super::cell::{most_tracks, tracks_of_cell};
 use super::cell_grid::{CellGrid, GroundCell};
 use super::cell_tracks::{CellFile, CellResult, CellTrack};
-use super::error::BundleError;
+use super::error::{BundleError, other_heights};
 use super::network::{Estimate, LOSS_SCALES_PX};
 use super::options::BundleOptions;
 use super::output::Adjustment;
@@ -42,7 +42,9 @@ pub(super) fn adjust_by_cells(
         .filter_map(|(cell, result)| Some(format!("{} ({})", cell.id, result.as_ref().err()?)))
         .collect();
     if skipped.len() == results.len() {
-        return Err(BundleError::NoCell { cells: results.len(), reasons: first_of(&skipped, "; ") });
+        let (cells, reasons, (low_m, high_m)) = (results.len(), first_of(&skipped, "; "), heights);
+        let hint = other_heights(heights);
+        return Err(BundleError::NoCell { low_m, high_m, hint, cells, reasons });
     }
     if !skipped.is_empty() {
         progress.event(Event::Warning(format!(
@@ -183,7 +185,7 @@ impl<'a> Adjuster<'a> {
         self.progress.event(Event::Finished);
         let kept = self.observation_counts(&estimate.tracks);
         if kept.iter().all(|n| *n == 0) {
-            return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
+            return Err(self.no_tracks());
         }
         let worst = self.worst_view(&triangulated, &kept);
         match worst.or_else(|| self.weakest_view(&estimate.tracks)) {
