@@ -15,8 +15,11 @@ pub struct SiteFrame {
     pub site: SiteGrid,
     /// The area in which splats may lie, site metres: west, south, east, north.
     pub area: SiteBox,
-    /// Lowest and highest altitude of splats, metres above the site's origin.
+    /// Lowest and highest altitude that the rays of trained pixels pass within the area, and that splats have as long as no
+    /// surface is known; metres above the site's origin.
     pub altitudes: (f64, f64),
+    /// Lowest and highest altitude between which the surface is searched, metres above the site's origin.
+    pub searched: (f64, f64),
     /// Name of the training view whose colours the orthophoto takes; by default, the view with the smallest sum of the
     /// angle off nadir and the angle of the sun from the zenith.
     pub reference: Option<String>,

@@ -10,9 +10,7 @@ use crate::stats::quantile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Quantiles of the heights of the sparse points that bound the range of matching and training, and the
-/// margins that are added below and above.
-const HEIGHT_QUANTILES: (f64, f64) = (0.005, 0.995);
+/// Depth below and height above the surface and the sparse points in which splats may lie, metres.
 const MARGIN_BELOW_M: f64 = 5.0;
 const MARGIN_ABOVE_M: f64 = 15.0;
 /// Smallest elevation of views and suns: at lower ones, shears (the cotangent of the elevation) become too
@@ -106,8 +104,12 @@ pub struct SiteScene {
     pub site: SiteGrid,
     /// The area, site metres: west, south, east, north.
     pub area: SiteBox,
-    /// Lowest and highest altitude, metres above the site's origin.
+    /// Lowest and highest altitude of splats, metres above the site's origin: those of the sparse points and of the surface, as
+    /// soon as it is known, with margins.
     pub altitudes: (f64, f64),
+    /// Lowest and highest altitude between which the surface is searched, metres above the site's origin.
+    #[serde(default)]
+    pub searched: (f64, f64),
     /// All views.
     pub views: Vec<SiteView>,
     /// Index of the view whose colours the orthophoto takes.
@@ -138,7 +140,9 @@ impl SiteScene {
         let heights: Vec<f64> = sparse.iter().map(|p| p.height_m()).collect();
         let too_few = || SiteSceneError::FewPoints { found, needed };
         let median = quantile(heights.clone(), 0.5).ok_or_else(too_few)?;
-        let (low, high) = height_range(heights).ok_or_else(too_few)?;
+        let found = height_bounds(&heights).ok_or_else(too_few)?;
+        let searched = scene.heights().with_tie_points(found).range();
+        let (low, high) = with_margins(found, searched);
 
         let provisional =
             SiteGrid::at(scene.center().ok_or(SiteSceneError::NoCommonGround)?.at_height(median))?;
@@ -158,7 +162,8 @@ impl SiteScene {
         let area = (west - origin.x(), south - origin.y(), east - origin.x(), north - origin.y());
 
         let altitudes = (low - median, high - median);
-        let frame = SiteFrame { site, area, altitudes, reference: None };
+        let searched = (searched.0 - median, searched.1 - median);
+        let frame = SiteFrame { site, area, altitudes, searched, reference: None };
         Ok(Self { is_framed: false, ..Self::with_cameras(scene, rpcs, &valid, frame)? })
     }
 
@@ -175,7 +180,7 @@ impl SiteScene {
         Self::with_cameras(scene, rpcs, &valid, frame)
     }
 
-    /// The training scene in a frame, with cameras that are fitted over its area and altitudes. `valid` holds the valid part of
+    /// The training scene in a frame, with cameras that are fitted over its area and the altitudes that are searched. `valid` holds the valid part of
     /// every view.
     fn with_cameras(
         scene: &Scene,
@@ -183,14 +188,14 @@ impl SiteScene {
         valid: &[ValidPart],
         frame: SiteFrame,
     ) -> Result<Self, SiteSceneError> {
-        let SiteFrame { site, area, altitudes, reference } = frame;
+        let SiteFrame { site, area, altitudes, searched, reference } = frame;
         let height = site.origin.z();
         let view = |((view, rpc), valid): ((&View, &Rpc), &ValidPart)| {
             let elevation_deg = view.direction_deg(height).map_or(0.0, |(_, off_nadir)| 90.0 - off_nadir);
             if elevation_deg < LOWEST_ELEVATION_DEG {
                 return Err(SiteSceneError::LowView { view: view.name.clone(), elevation_deg });
             }
-            let f = fit(rpc, area, altitudes, &site, Order::Quadratic)
+            let f = fit(rpc, area, searched, &site, Order::Quadratic)
                 .map_err(|source| SiteSceneError::Fit { view: view.name.clone(), source })?;
             let sun = view.sun.filter(|s| s.elevation_deg >= LOWEST_ELEVATION_DEG);
             Ok(SiteView {
@@ -213,7 +218,14 @@ impl SiteScene {
             None => reference_view(scene, height).ok_or(SiteSceneError::NoViews)?,
         };
         let transfer_function = scene.transfer_function;
-        Ok(Self { site, area, altitudes, views, reference, is_framed: true, transfer_function })
+        Ok(Self { site, area, altitudes, searched, views, reference, is_framed: true, transfer_function })
+    }
+
+    /// Extends the altitudes of splats to those of a surface, of which the lowest and highest altitude are given (metres), with
+    /// margins.
+    pub fn include_surface(&mut self, surface: (f64, f64)) {
+        let (low, high) = with_margins(surface, self.searched);
+        self.altitudes = (self.altitudes.0.min(low), self.altitudes.1.max(high));
     }
 
     /// The sparse points in the site frame that lie within the area and the altitudes.
@@ -270,13 +282,18 @@ impl SiteScene {
     }
 }
 
-/// Lowest and highest height, metres, between which the surface is searched, from the heights of sparse
-/// points. None without heights.
+/// Lowest and highest of heights; none without heights.
 #[must_use]
-pub fn height_range(heights: Vec<f64>) -> Option<(f64, f64)> {
-    let low = quantile(heights.clone(), HEIGHT_QUANTILES.0)?;
-    let high = quantile(heights, HEIGHT_QUANTILES.1)?;
-    Some((low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M))
+pub fn height_bounds(heights: &[f64]) -> Option<(f64, f64)> {
+    let both = heights.iter().map(|h| (*h, *h));
+    both.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+/// Lowest and highest height of splats around a surface or points between two heights, within those that are searched, metres.
+#[must_use]
+pub fn with_margins((low, high): (f64, f64), searched: (f64, f64)) -> (f64, f64) {
+    let (low, high) = (low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M);
+    (low.max(searched.0).min(searched.1), high.max(searched.0).min(searched.1))
 }
 
 /// Where the valid pixels of a view are.

@@ -2,7 +2,9 @@
 
 use super::error::BundleError;
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
-use crate::scene::{Aoi, Overlap, Scene, SceneError, UtmBox, footprint, ground_seen, require_tiled_images};
+use crate::scene::{
+    Aoi, Footprints, Overlap, Scene, SceneError, UtmBox, footprint, ground_seen, require_tiled_images,
+};
 use geo::{Area, BooleanOps, BoundingRect, Rect};
 
 /// Smallest share of a cell that two views must see, and that a view must see in order to be matched in the cell.
@@ -16,8 +18,6 @@ pub(super) struct CellGrid {
     pub(super) cells: Vec<GroundCell>,
     /// Whether the ground is larger than one cell.
     pub(super) is_cut: bool,
-    /// Ellipsoidal height at which views are laid over the cells, metres.
-    height_m: f64,
 }
 
 /// A cell of ground.
@@ -46,7 +46,7 @@ impl CellGrid {
             seen = seen.intersection(&rectangle(aoi.utm_box(&map)));
         }
         let Some(extent) = seen.bounding_rect() else {
-            return Ok(Self { map, cells: Vec::new(), is_cut: false, height_m });
+            return Ok(Self { map, cells: Vec::new(), is_cut: false });
         };
         let [columns, rows] = [extent.width(), extent.height()].map(|side| (side / side_m).ceil().max(1.0));
         let (width, height) = (extent.width() / columns, extent.height() / rows);
@@ -66,7 +66,7 @@ impl CellGrid {
         let well_seen: Vec<GroundCell> = all.iter().filter(|c| share(c) >= MIN_SEEN).cloned().collect();
         // A narrow strip may fill no cell well.
         let cells = if well_seen.is_empty() { all } else { well_seen };
-        Ok(Self { map, cells, is_cut: columns * rows > 1, height_m })
+        Ok(Self { map, cells, is_cut: columns * rows > 1 })
     }
 
     /// An error if images are stored so that reading them cell by cell would read them many times.
@@ -99,11 +99,13 @@ impl CellGrid {
         let mut part = scene.clone();
         part.crop(Aoi::from_utm_box(cell.bounds, &self.map)?, heights)?;
         let area = rectangle(cell.bounds);
-        part.views.retain(|v| {
-            let seen = footprint(&v.rpc, (v.width, v.height), &self.map, self.height_m);
-            let seen_m2 = seen.map_or(0.0, |outline| outline.intersection(&area).unsigned_area());
-            seen_m2 >= MIN_SEEN * area.unsigned_area()
-        });
+        let is_kept: Vec<bool> = {
+            let cameras = part.views.iter().map(|v| (&v.rpc, (v.width, v.height))).collect();
+            let footprints = Footprints::new(cameras, &self.map, heights);
+            (0..part.views.len()).map(|view| footprints.share_of(view, &area) >= MIN_SEEN).collect()
+        };
+        let mut is_kept = is_kept.into_iter();
+        part.views.retain(|_| is_kept.next().unwrap_or(false));
         Ok(part)
     }
 

@@ -90,6 +90,28 @@ pub enum BundleError {
         /// What the range of heights has to do with it.
         hint: String,
     },
+    /// No two views show the same ground.
+    #[error(
+        "no two views share {needed_percent} % of their ground at any height from {low_m:.0} to {high_m:.0} m: \
+         `{first}` and `{second}` share most, {percent:.1} %"
+    )]
+    #[diagnostic(help(
+        "`satgs info` shows the footprints of the views; --height-range or --dem gives the heights of the ground"
+    ))]
+    NoOverlap {
+        /// The two views that share most.
+        first: String,
+        /// The other one.
+        second: String,
+        /// What they share, percent of the smaller footprint.
+        percent: f64,
+        /// What is needed.
+        needed_percent: f64,
+        /// Lowest height that was examined.
+        low_m: f64,
+        /// Highest height that was examined.
+        high_m: f64,
+    },
     /// All views see the scene from nearly the same direction.
     #[error(
         "no two views differ by {needed_deg}° in direction, at most by {widest_deg:.1}°: heights cannot be measured"
@@ -100,19 +122,6 @@ pub enum BundleError {
         needed_deg: f64,
         /// Largest angle between views that overlap.
         widest_deg: f64,
-    },
-    /// No two views overlap enough to be matched.
-    #[error(
-        "no two views share {needed_percent:.0} % of their ground, at most {largest_percent:.0} %: they cannot be matched"
-    )]
-    #[diagnostic(help(
-        "images that show more of the same place help, or an --aoi within what they share; `satgs info --footprints` shows them"
-    ))]
-    NoOverlap {
-        /// Smallest sufficient share of the smaller footprint.
-        needed_percent: f64,
-        /// Largest share of any two views.
-        largest_percent: f64,
     },
     /// The directions of all views that overlap are too far apart.
     #[error(
@@ -201,8 +210,8 @@ pub enum BundleError {
 }
 
 /// A range of heights from which on a narrower one helps more than a wider one, metres: lines along which matches are searched
-/// become so long that many wrong ones lie on them.
-const WIDE_RANGE_M: f64 = 1000.0;
+/// become so long that many wrong ones lie on them. Mountains have smaller ranges.
+const WIDE_RANGE_M: f64 = 2000.0;
 
 /// What the range in which heights are searched has to do with matches that fail.
 pub(super) fn height_hint((low_m, high_m): (f64, f64)) -> String {

@@ -3,9 +3,8 @@
 use super::error::BundleError;
 use super::network::{LEAST_ANGLE_DEG, Network};
 use super::used_view::UsedView;
-use crate::frame::{Geodetic, Point, SiteGrid};
-use crate::scene::{angle_between_deg, footprint};
-use geo::{Area, BooleanOps};
+use crate::frame::SiteGrid;
+use crate::scene::{Footprints, angle_between_deg};
 
 /// Two views are matched when their footprints share at least this fraction of the smaller one.
 const MIN_OVERLAP: f64 = 0.2;
@@ -17,7 +16,7 @@ const MAX_VIEW_ANGLE_DEG: f64 = 60.0;
 const MAX_SUN_ANGLE_DEG: f64 = 20.0;
 const NEAREST_SUNS: usize = 4;
 
-/// Pairs of views whose footprints overlap and whose lines of sight are at most [`MAX_VIEW_ANGLE_DEG`] apart.
+/// Pairs of views whose footprints overlap at some height and whose lines of sight are at most [`MAX_VIEW_ANGLE_DEG`] apart.
 ///
 /// # Errors
 /// [`BundleError::NoOverlap`] or [`BundleError::TooOblique`] when there is none, [`BundleError::NoBaseline`] when no pair has an
@@ -26,42 +25,37 @@ pub(super) fn overlapping_pairs(
     views: &[UsedView],
     network: &Network,
 ) -> Result<Vec<(usize, usize)>, BundleError> {
-    let center: Point<Geodetic> = network.center;
-    let grid = SiteGrid::at(center).map_err(crate::scene::SceneError::from)?;
-    let outlines: Vec<_> = views
-        .iter()
-        .zip(&network.rpcs)
-        .map(|(v, rpc)| footprint(rpc, v.size(), &grid, center.height_m()))
-        .collect();
-    let mut out = Vec::new();
-    let (mut widest, mut largest_share, mut narrowest) = (0f64, 0f64, f64::INFINITY);
-    for i in 0..views.len() {
-        for j in i + 1..views.len() {
-            let (Some(a), Some(b)) = (&outlines[i], &outlines[j]) else { continue };
-            let shared = a.intersection(b).unsigned_area() / a.unsigned_area().min(b.unsigned_area());
-            let angle = angle_between_deg(network.directions[i], network.directions[j]);
-            largest_share = largest_share.max(shared);
-            if shared >= MIN_OVERLAP {
-                narrowest = narrowest.min(angle);
-            }
-            if shared >= MIN_OVERLAP && angle <= MAX_VIEW_ANGLE_DEG {
-                widest = widest.max(angle);
-                out.push((i, j));
-            }
-        }
+    let grid = SiteGrid::at(network.center).map_err(crate::scene::SceneError::from)?;
+    let cameras = network.rpcs.iter().zip(views).map(|(rpc, view)| (*rpc, view.size())).collect();
+    let footprints = Footprints::new(cameras, &grid, network.heights);
+    let all = (0..views.len()).flat_map(|i| (i + 1..views.len()).map(move |j| (i, j)));
+    let shares: Vec<_> =
+        all.map(|(i, j)| ((i, j), footprints.shared(i, j).map_or(0.0, |s| s.of_smaller()))).collect();
+    let overlapping = shares.iter().filter(|(_, share)| *share >= MIN_OVERLAP).map(|(pair, _)| *pair);
+    let overlapping: Vec<(usize, usize)> = overlapping.collect();
+    if overlapping.is_empty() {
+        let ((i, j), share) = shares.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or(((0, 0), 0.0));
+        return Err(BundleError::NoOverlap {
+            first: views[i].view.name.clone(),
+            second: views[j].view.name.clone(),
+            percent: 100.0 * share,
+            needed_percent: 100.0 * MIN_OVERLAP,
+            low_m: network.heights.0,
+            high_m: network.heights.1,
+        });
     }
-    if largest_share < MIN_OVERLAP {
-        let (needed_percent, largest_percent) = (100.0 * MIN_OVERLAP, 100.0 * largest_share);
-        return Err(BundleError::NoOverlap { needed_percent, largest_percent });
+    let angle = |&(i, j): &(usize, usize)| angle_between_deg(network.directions[i], network.directions[j]);
+    let narrowest_deg = overlapping.iter().map(angle).fold(f64::INFINITY, f64::min);
+    let pairs: Vec<(usize, usize)> =
+        overlapping.into_iter().filter(|pair| angle(pair) <= MAX_VIEW_ANGLE_DEG).collect();
+    if pairs.is_empty() {
+        return Err(BundleError::TooOblique { most_deg: MAX_VIEW_ANGLE_DEG, narrowest_deg });
     }
-    if narrowest > MAX_VIEW_ANGLE_DEG {
-        let (most_deg, narrowest_deg) = (MAX_VIEW_ANGLE_DEG, narrowest);
-        return Err(BundleError::TooOblique { most_deg, narrowest_deg });
+    let widest_deg = pairs.iter().map(angle).fold(0.0, f64::max);
+    if widest_deg < LEAST_ANGLE_DEG {
+        return Err(BundleError::NoBaseline { needed_deg: LEAST_ANGLE_DEG, widest_deg });
     }
-    if widest < LEAST_ANGLE_DEG {
-        return Err(BundleError::NoBaseline { needed_deg: LEAST_ANGLE_DEG, widest_deg: widest });
-    }
-    Ok(out)
+    Ok(pairs)
 }
 
 /// Pairs of views with similar sun directions; a view without a known sun counts as similar to all others.

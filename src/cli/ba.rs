@@ -22,8 +22,9 @@ pub struct Args {
     /// Run folder: the folder for all results
     #[arg(short, long, value_name = "RUN")]
     output: PathBuf,
-    /// Lowest and highest height to search, metres above the ellipsoid [default: from
-    /// --dem, else from the images' metadata]
+    /// Lowest and highest height of tie points and of the surface, metres above the ellipsoid [default: from
+    /// --dem, else from the images' metadata, else from the RPCs; the surface is then searched from at most 100 m below to
+    /// 200 m above the tie points]
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_range, allow_hyphen_values = true)]
     height_range: Option<(f64, f64)>,
     /// Elevation model that sets the heights to search: from 20 m below its lowest to 80 m above its highest height

@@ -63,11 +63,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let pairs = Pairs::new(&rows);
     let order = format!("if an image has several RPCs, the first in this order is used: {RPC_ORDER}\n");
     let gamma = format!("display gamma: {} (--gamma)\n", scene.transfer_function.gamma());
+    let heights = format!("heights searched: {} (--height-range or --dem gives others)\n", scene.heights());
     let valid = validity_notes(&rows);
     let expected = expectation(&rows, &pairs, &overlap);
-    let text = [table(&rows) + &order + &gamma + &valid, pairs.text(&rows), ground(&scene, &overlap)]
-        .join("\n")
-        + &expected;
+    let text =
+        [table(&rows) + &order + &gamma + &heights + &valid, pairs.text(&rows), ground(&scene, &overlap)]
+            .join("\n")
+            + &expected;
     if let Some(file) = &args.footprints {
         write_outlines(file, "footprints", &outlines(&rows, overlap.height_m))?;
     }
@@ -362,6 +364,7 @@ fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {
     json!({
         "views": views,
         "gamma": scene.transfer_function.gamma(),
+        "heights_searched": scene.heights(),
         "convergence": {
             "min_deg": spread.map(|s| s[0]), "median_deg": spread.map(|s| s[1]), "max_deg": spread.map(|s| s[2]),
             "pairs": pairs.0.iter().map(named).collect::<Vec<_>>(),

@@ -5,7 +5,8 @@
 //! Yoon and Kweon 2006).
 
 use super::image::MatchImage;
-use super::plane_sweep::{PlaneStack, PlaneSweep};
+use super::plane_ranges::PlaneRanges;
+use super::plane_sweep::{BLOCKS, PlaneStack, PlaneSweep};
 use super::visibility::Visibility;
 use crate::frame::Point;
 use crate::io::Grid2;
@@ -15,17 +16,14 @@ use std::ops::Range;
 
 /// Side of the windows, cells.
 const WINDOW: usize = 3;
-/// Rows and columns of a tile: a block of cells whose data fit into the cache of a core. Tiles overlap by the
-/// margins of the windows.
-const ROWS: usize = 18;
-const COLUMNS: usize = 64;
-const INNER_ROWS: usize = ROWS - (WINDOW - 1);
-const INNER_COLUMNS: usize = COLUMNS - (WINDOW - 1);
+/// Rows and columns of a tile: a block of cells whose data fit into the cache of a core, and whose planes are the same. Tiles
+/// overlap by the margins of the windows.
+const INNER_ROWS: usize = BLOCKS.rows;
+const INNER_COLUMNS: usize = BLOCKS.columns;
+const ROWS: usize = INNER_ROWS + (WINDOW - 1);
+const COLUMNS: usize = INNER_COLUMNS + (WINDOW - 1);
 /// Variance of the gray values in a window up to which the window is textureless and has no correlation.
 const MIN_VARIANCE: f32 = 1e-5;
-/// Number of imaginary pairs with a correlation of 0 that is added to the pairs of every cell: it lowers the
-/// score of cells that few pairs see.
-const EXTRA_PAIRS: f32 = 1.0;
 /// Difference of gray values, in standard deviations of the image, at which the weight of a cell in a window
 /// falls to 1/e.
 const SIMILARITY_SCALE: f32 = 0.2;
@@ -51,31 +49,37 @@ type Lines = [Line; ROWS];
 /// window add up to 1.
 type Weights = [Lines; WINDOW * WINDOW];
 
-/// Matching costs of every cell at every plane of the stack, cell by cell: from 0 for a perfect correlation
-/// to 254 for none.
-pub(super) struct CostVolume {
-    planes: usize,
-    costs: Vec<u8>,
+/// Matching costs of every cell at its planes, cell by cell: from 0 for a perfect correlation to 254 for none.
+pub(super) struct CostVolume<'a> {
+    pub ranges: &'a PlaneRanges,
+    pub costs: Vec<u8>,
 }
 
-impl CostVolume {
+impl<'a> CostVolume<'a> {
     /// Cost where no pair of views sees the cell.
     pub const UNSEEN: u8 = 255;
 
     /// Correlates all pairs of views. With the visibility from an earlier pass, similar cells of a window
     /// weigh more, and views from which a cell is occluded are left out.
-    pub fn correlate(sweep: &PlaneSweep, visibility: Option<&Visibility>) -> Self {
-        let (planes, width) = (sweep.stack.planes, sweep.grid.width);
-        let mut costs = vec![Self::UNSEEN; width * sweep.grid.height * planes];
-        costs.par_chunks_mut(INNER_ROWS * width * planes).enumerate().for_each(|(k, costs)| {
+    pub fn correlate(sweep: &'a PlaneSweep, visibility: Option<&Visibility>) -> Self {
+        let (ranges, width) = (&sweep.ranges, sweep.grid.width);
+        let mut costs = vec![Self::UNSEEN; ranges.volume()];
+        let rows = |k: usize| k * INNER_ROWS..((k + 1) * INNER_ROWS).min(sweep.grid.height);
+        let cells = |k: usize| rows(k).start * width..rows(k).end * width;
+        let bands = sweep.grid.height.div_ceil(INNER_ROWS);
+        let parts = PlaneRanges::split(&mut costs, (0..bands).map(|k| ranges.entries(cells(k)).len()));
+        parts.into_par_iter().enumerate().for_each(|(k, costs)| {
             let mut tile = Tile::new(sweep);
             for first_column in (0..width).step_by(INNER_COLUMNS) {
-                tile.move_to(first_column, k * INNER_ROWS, visibility);
+                if ranges.planes(cells(k).start + first_column).is_empty() {
+                    continue;
+                }
+                tile.move_to(first_column, rows(k).start, visibility);
                 tile.set_weights(visibility);
-                tile.correlate(costs);
+                tile.correlate(costs, rows(k));
             }
         });
-        Self { planes, costs }
+        Self { ranges, costs }
     }
 
     /// Adds the cost of the distance to the nearer of two priors: the trained surface `trained` and the
@@ -85,9 +89,12 @@ impl CostVolume {
     /// first surface is preferred, elsewhere the trained one.
     pub fn add_prior(&mut self, trained: &Grid2, first: &Grid2, stack: &PlaneStack, visibility: &Visibility) {
         let scale = 1.0 - PRIOR_COST / 255.0;
-        self.costs.par_chunks_mut(self.planes).enumerate().for_each(|(cell, costs)| {
+        let ranges = self.ranges;
+        let lengths = (0..ranges.cells()).map(|cell| ranges.planes(cell).len());
+        PlaneRanges::split(&mut self.costs, lengths).into_par_iter().enumerate().for_each(|(cell, costs)| {
             let confidence = agreement(costs).min(visibility.texture(cell));
-            for (k, cost) in costs.iter_mut().enumerate().filter(|(_, c)| **c != Self::UNSEEN) {
+            let of_planes = ranges.planes(cell).zip(costs.iter_mut());
+            for (k, cost) in of_planes.filter(|(_, c)| **c != Self::UNSEEN) {
                 let z = stack.altitude(cell, k as f32);
                 let to_trained = TRAINED_OFFSET * (1.0 - confidence) + geman_mcclure(z - trained.data[cell]);
                 let to_first = FIRST_OFFSET * confidence + geman_mcclure(z - first.data[cell]);
@@ -99,12 +106,7 @@ impl CostVolume {
 
     /// The costs of a cell, plane by plane.
     pub fn cell(&self, cell: usize) -> &[u8] {
-        &self.costs[cell * self.planes..(cell + 1) * self.planes]
-    }
-
-    /// The costs of all cells, one cell after the other.
-    pub fn costs(&self) -> &[u8] {
-        &self.costs
+        &self.costs[self.ranges.entries(cell..cell + 1)]
     }
 }
 
@@ -223,14 +225,16 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Computes the costs of the cells inside the margins. `costs` holds those of whole rows of the grid.
-    fn correlate(&mut self, costs: &mut [u8]) {
-        let (planes, width) = (self.sweep.stack.planes, self.sweep.grid.width);
+    /// Computes the costs of the cells inside the margins, which have the same planes. `costs` holds those of whole rows of the
+    /// grid.
+    fn correlate(&mut self, costs: &mut [u8], rows: Range<usize>) {
+        let (ranges, width) = (&self.sweep.ranges, self.sweep.grid.width);
         let columns = INNER_COLUMNS.min(width - self.first_column);
-        let rows = costs.len() / (planes * width);
+        let (planes, band) = (ranges.planes(rows.start * width + self.first_column), rows.start * width);
         let mut altitudes = ZEROS;
-        for plane in 0..planes {
-            let relative = plane as f32 / (planes - 1) as f32;
+        for plane in planes.clone() {
+            let (above, last) = (plane - planes.start, planes.len() - 1);
+            let relative = above as f32 / last.max(1) as f32;
             for (z, cell) in altitudes.as_flattened_mut().iter_mut().zip(self.cells.as_flattened()) {
                 *z = self.sweep.stack.altitude(*cell as usize, plane as f32);
             }
@@ -244,16 +248,18 @@ impl<'a> Tile<'a> {
                 let (a, b) = (&self.views[i], &self.views[j]);
                 add_pair(a, b, &self.weights, &mut self.score, &mut self.pairs);
             }
-            for row in 0..rows {
+            for row in 0..rows.len() {
                 let line = row + WINDOW / 2;
                 let (cells, score, pairs) = (&self.cells[line], &self.score[line], &self.pairs[line]);
-                let first = (row * width + self.first_column) * planes + plane;
-                for (column, cost) in costs[first..].iter_mut().step_by(planes).take(columns).enumerate() {
+                let cell = band + row * width + self.first_column;
+                let first = ranges.entries(band..cell).len() + above;
+                let of_row = costs[first..].iter_mut().step_by(planes.len()).take(columns);
+                for (column, cost) in of_row.enumerate() {
                     let k = column + WINDOW / 2;
                     if pairs[k] > 0.0 {
                         // Where few images cover the cell, their views may agree by chance.
                         let share = self.sweep.coverage[cells[k] as usize].share(relative);
-                        let mean = share * score[k] / (pairs[k] + EXTRA_PAIRS);
+                        let mean = share * score[k] / (pairs[k] + self.sweep.extra_pairs);
                         *cost = (255.5 - 255.0 * mean).min(254.0) as u8;
                     }
                 }

@@ -6,7 +6,7 @@ const GROUND_SHARE: f64 = 0.55;
 pub(super) const ALTITUDES: usize = 8;
 
 /// Number of views in whose valid pixels a cell lies, by altitude.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct Coverage {
     /// At [`ALTITUDES`] evenly spaced altitudes, from the lowest plane of the stack to the highest.
     counts: [f32; ALTITUDES],

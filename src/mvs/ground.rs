@@ -1,6 +1,5 @@
 //! The altitude of the ground, estimated from the sparse points of a scene.
 
-use crate::affine::height_range;
 use crate::frame::{Point, Site, SiteBox};
 use crate::stats::quantile;
 
@@ -50,12 +49,6 @@ impl Ground {
         let altitudes =
             (0..columns * rows).map(|i| smoothed(&filled, columns, rows, i % columns, i / columns));
         Self { west, south, columns, rows, altitudes: altitudes.collect() }
-    }
-
-    /// Lowest and highest height above the ground between which the surface is searched, metres; none without points.
-    #[must_use]
-    pub fn heights_above(&self, sparse: &[Point<Site>]) -> Option<(f64, f64)> {
-        height_range(sparse.iter().map(|p| p.z() - self.altitude(p.x(), p.y())).collect())
     }
 
     /// Altitude of the ground at a place (east and north, site metres): bilinear between the centres of
@@ -120,13 +113,11 @@ mod tests {
     }
 
     #[test]
-    fn the_ground_follows_a_slope_and_the_searched_heights_include_all_points() {
+    fn the_ground_follows_a_slope() {
         let sparse = slope();
         let ground = Ground::new(&sparse, (-100.0, -80.0, 100.0, 80.0));
         for x in [-70.0, -20.0, 35.0, 70.0] {
             assert!((ground.altitude(x, 10.0) - 0.3 * x).abs() < 5.0, "{x}");
         }
-        let (low, high) = ground.heights_above(&sparse).unwrap();
-        assert!(low < 0.0 && high > 15.0, "{low} {high}");
     }
 }

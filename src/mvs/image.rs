@@ -37,6 +37,25 @@ impl MatchImage {
         Self { gray: self.gray.window(part), valid: None, camera, ..*self }
     }
 
+    /// The image reduced by a whole factor, with its camera: means over blocks of pixels; NaN where half of a block is not
+    /// valid.
+    pub fn reduced(&self, factor: usize) -> Self {
+        let (width, height) = ((self.gray.width / factor).max(1), (self.gray.height / factor).max(1));
+        let gray = Grid2::from_rows(width, height, |row, line| {
+            for (col, out) in line.iter_mut().enumerate() {
+                let (mut sum, mut n) = (0.0f32, 0);
+                for r in (row * factor..(row + 1) * factor).take_while(|r| *r < self.gray.height) {
+                    let columns = col * factor..((col + 1) * factor).min(self.gray.width);
+                    for v in self.gray.row(r)[columns].iter().filter(|v| !v.is_nan()) {
+                        (sum, n) = (sum + v, n + 1);
+                    }
+                }
+                *out = if 2 * n > factor * factor { sum / n as f32 } else { f32::NAN };
+            }
+        });
+        Self { camera: self.camera.rescaled((factor as f64).recip()), gray, valid: None, ..*self }
+    }
+
     /// Gray value at the projection of a point, bilinear, in standard deviations above the mean of the image;
     /// NaN outside.
     pub fn normalized_gray(&self, p: Point<Site>) -> f32 {
@@ -52,5 +71,24 @@ impl MatchImage {
         }
         let within = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
         within(px.col, self.gray.width) && within(px.row, self.gray.height)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mvs::tests::{texture, view};
+
+    #[test]
+    fn a_reduced_image_holds_means_and_its_camera_sees_the_same_place() {
+        let image = MatchImage::new(&view([0.2, 0.0], texture));
+        let reduced = image.reduced(4);
+        assert_eq!((reduced.gray.width, reduced.gray.height), (40, 35));
+        let block = (68..72).flat_map(|row| (80..84).map(move |col| (col, row)));
+        let mean = block.map(|(col, row)| image.gray.at(col, row)).sum::<f32>() / 16.0;
+        assert!((reduced.gray.at(20, 17) - mean).abs() < 1e-6);
+        let p = Point::new(3.0, -4.0, 5.0);
+        let (fine, coarse) = (image.camera.project(p), reduced.camera.project(p));
+        assert!((fine.col + 0.5 - 4.0 * (coarse.col + 0.5)).abs() < 1e-9);
     }
 }

@@ -56,10 +56,10 @@ impl PlaneSweep {
         Ok(surface)
     }
 
-    /// Whether there are enough views for [`PlaneSweep::refine`] to improve the surface after training.
+    /// Whether so many views are enough for [`PlaneSweep::refine`] to improve the surface after training.
     #[must_use]
-    pub fn supports_refinement(&self) -> bool {
-        self.images.len() >= MIN_REFINED_VIEWS
+    pub fn can_refine(views: usize) -> bool {
+        views >= MIN_REFINED_VIEWS
     }
 
     /// [`MatchedSurface::prior_weight`] of a surface.
@@ -93,8 +93,9 @@ impl PlaneSweep {
     /// are then moved onto planes (`planes`), noise at the margin is removed (`margin`), and the result is
     /// postfiltered (`postfilter`).
     #[must_use]
-    pub fn refine(&self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
+    pub fn refine(&mut self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
         let (occluders, prior) = (first.confident(), &self.plausible_prior(prior, &first.altitude));
+        self.include(&[prior, &first.altitude]);
         let of_prior = Visibility::new(self, prior, &occluders);
         let refined_once = |visibility: &Visibility| {
             let mut volume = CostVolume::correlate(self, Some(visibility));
@@ -139,24 +140,26 @@ impl PlaneSweep {
         })
     }
 
-    /// The altitudes of least cost after semi-global aggregation, interpolated between planes by a parabola.
+    /// The altitudes of least cost after semi-global aggregation, interpolated between planes by a parabola. Cells whose best
+    /// plane is the first or the last have a score of 0, because the true altitude may lie beyond.
     fn optimized(&self, volume: &CostVolume, p2: u16) -> MatchedSurface {
-        let planes = self.stack.planes;
         let penalties = Penalties { p1: P1, p2: P2::Constant(p2) };
-        let sums = semiglobal::aggregate(volume.costs(), self.grid.width, planes, penalties);
+        let sums = semiglobal::aggregate(&volume.costs, volume.ranges, penalties);
         let best = |cell: usize| {
-            let costs = volume.cell(cell);
-            let sums = &sums[cell * planes..(cell + 1) * planes];
-            let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-            if costs[k] == CostVolume::UNSEEN || !self.coverage[cell].covers_ground {
+            let (costs, planes) = (volume.cell(cell), volume.ranges.planes(cell));
+            let sums = &sums[volume.ranges.entries(cell..cell + 1)];
+            let k = (0..planes.len()).min_by_key(|k| sums[*k]).unwrap_or(0);
+            let cost = costs.get(k).copied().unwrap_or(CostVolume::UNSEEN);
+            if cost == CostVolume::UNSEEN || !self.coverage[cell].covers_ground {
                 return (f32::NAN, 0.0);
             }
-            let mut fraction = 0.0;
-            if k > 0 && k + 1 < planes {
-                let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
-                fraction = 0.5 * (a - c) / (a - 2.0 * b + c).max(1.0);
+            let plane = (planes.start + k) as f32;
+            if k == 0 || k + 1 == planes.len() {
+                return (self.stack.altitude(cell, plane), 0.0);
             }
-            (self.stack.altitude(cell, k as f32 + fraction), 1.0 - f32::from(costs[k]) / 255.0)
+            let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
+            let fraction = 0.5 * (a - c) / (a - 2.0 * b + c).max(1.0);
+            (self.stack.altitude(cell, plane + fraction), 1.0 - f32::from(cost) / 255.0)
         };
         let (width, height) = (self.grid.width, self.grid.height);
         let found: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();

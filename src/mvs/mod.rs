@@ -1,5 +1,8 @@
 //! Dense matching of the training views: the surface that training starts from, and its refinement afterwards.
 //!
+//! First a sweep at low resolution over all heights that are searched finds where the surface may lie, place by place
+//! (`coarse`); only there are the views matched at full resolution.
+//!
 //! Two matchers produce a [`MatchedSurface`], altitudes on a map grid:
 //! - With more than [`FEW_VIEWS`] views, a plane sweep over the map grid (Collins 1996; Gallup et al. 2007).
 //!   Each cell tests the altitudes of a stack of surfaces parallel to the ground ([`PlaneSweep`]). The views
@@ -13,6 +16,8 @@
 //!
 //! Altitudes are metres above the origin of the site. Gray values are square roots of linear radiance.
 
+mod candidates;
+mod coarse;
 mod correlation;
 mod coverage;
 mod ground;
@@ -21,9 +26,11 @@ mod margin;
 mod matching;
 mod occlusion;
 mod pairs;
+mod plane_ranges;
 mod plane_sweep;
 mod planes;
 mod postfilter;
+mod preparation;
 mod semiglobal;
 mod stereo;
 mod surface;

@@ -1,11 +1,10 @@
 //! What is matched: the views and their pairs, the map grid, and the stack of planes over it.
 
+use super::candidates::Candidates;
 use super::coverage::{ALTITUDES, Coverage};
-use super::ground::Ground;
 use super::image::MatchImage;
-use super::pairs::stereo_pairs;
-use crate::affine::{MIN_POINTS, SiteScene, TrainingView, median_pixel_m};
-use crate::frame::{Point, Site, SiteGrid};
+use super::plane_ranges::{Blocks, PlaneRanges};
+use crate::frame::SiteGrid;
 use crate::io::{Grid2, MapGrid};
 use crate::scene::views_needed;
 use rayon::prelude::*;
@@ -15,6 +14,8 @@ pub const DSM_CELL_M: f64 = 0.5;
 /// Largest size of a cost volume, cells times planes, at three bytes each. For larger areas the cells are
 /// made larger.
 pub const MAX_VOLUME: f64 = 600e6;
+/// Blocks of the grid with a common range of planes.
+pub(super) const BLOCKS: Blocks = Blocks { columns: 62, rows: 16 };
 
 /// Matching of a site's training views by plane sweep over a map grid; see the [module's page](super).
 pub struct PlaneSweep {
@@ -24,6 +25,13 @@ pub struct PlaneSweep {
     /// Pairs of images that are compared.
     pub(super) pairs: Vec<(usize, usize)>,
     pub(super) stack: PlaneStack,
+    /// The planes that are tested in every cell.
+    pub(super) ranges: PlaneRanges,
+    /// Number of imaginary pairs with a correlation of 0 that is added to the pairs of every cell: it lowers the
+    /// score of cells that few pairs see.
+    pub(super) extra_pairs: f32,
+    /// Where the surface may lie; none for the sweep that finds this.
+    pub(super) candidates: Option<Candidates>,
     /// For every cell of the grid, row by row.
     pub(super) coverage: Vec<Coverage>,
 }
@@ -36,16 +44,9 @@ pub(super) struct PlaneStack {
     pub low: f32,
     /// Distance between planes, metres.
     pub step: f32,
-    /// Number of planes.
-    pub planes: usize,
 }
 
 impl PlaneStack {
-    /// Distance from the lowest plane to the highest, metres.
-    pub fn height_m(&self) -> f64 {
-        f64::from(self.step) * (self.planes - 1) as f64
-    }
-
     /// Altitude of a plane in a cell, site metres; fractions of planes interpolate.
     pub fn altitude(&self, cell: usize, plane: f32) -> f32 {
         self.ground.data[cell] + self.low + self.step * plane
@@ -53,44 +54,39 @@ impl PlaneStack {
 }
 
 impl PlaneSweep {
-    /// Prepares the matching of `views` over the area of a site. The range of altitudes is that of the sparse
-    /// points `sparse`. Returns none if there are no sparse points or no two views make a stereo pair.
-    ///
-    /// Parts of a larger scene may have few points or none, over water for instance. Their range is that of the
-    /// [frame](crate::affine::SiteFrame).
-    #[must_use]
-    pub fn new(setup: &SiteScene, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
-        let pairs = stereo_pairs(views);
-        if pairs.is_empty() {
-            return None;
-        }
-        let images: Vec<MatchImage> = views.iter().map(MatchImage::new).collect();
-        let are_few = setup.is_framed && sparse.len() < MIN_POINTS;
-        let ground = Ground::new(if are_few { &[] } else { sparse }, setup.area);
-        let (low, high) = if are_few { setup.altitudes } else { ground.heights_above(sparse)? };
-        let (west, south, east, north) = setup.area;
-        let [x, y, _] = setup.site.origin.xyz();
-        let cell = cell_m(median_pixel_m(views));
-        let volume = (east - west) * (north - south) * (high - low) / cell.powi(3);
-        let cell = cell * (volume / MAX_VOLUME).cbrt().max(1.0);
-        let grid = MapGrid::covering(setup.site.epsg, (x + west, y + south, x + east, y + north), cell);
-        let ground = Grid2::from_fn(grid.width, grid.height, |col, row| {
-            let p = setup.site.site_from_utm(grid.cell_center(col, row));
-            ground.altitude(p.x(), p.y()) as f32
-        });
-        let planes = ((high - low) / cell).ceil() as usize + 2;
-        let stack = PlaneStack { ground, low: low as f32, step: cell as f32, planes };
-        let mut sweep = Self { site: setup.site, grid, images, pairs, stack, coverage: Vec::new() };
-        sweep.coverage =
-            (0..grid.width * grid.height).into_par_iter().map(|i| sweep.coverage_of(i)).collect();
-        Some(sweep)
+    /// A sweep of its parts, without imaginary pairs.
+    pub(super) fn of_parts(
+        site: SiteGrid,
+        grid: MapGrid,
+        images: Vec<MatchImage>,
+        pairs: Vec<(usize, usize)>,
+        stack: PlaneStack,
+        ranges: PlaneRanges,
+    ) -> Self {
+        let coverage = vec![Coverage::default(); grid.width * grid.height];
+        let mut sweep =
+            Self { site, grid, images, pairs, stack, ranges, extra_pairs: 0.0, candidates: None, coverage };
+        sweep.count_coverage(|_, _| true);
+        sweep
+    }
+
+    /// Counts the images that cover the cells for which this holds.
+    pub(super) fn count_coverage(&mut self, is_counted: impl Fn(usize, usize) -> bool + Sync) {
+        let width = self.grid.width;
+        let mut coverage = std::mem::take(&mut self.coverage);
+        let cells = coverage.par_iter_mut().enumerate();
+        let counted = cells.filter(|(i, _)| is_counted(i % width, i / width));
+        counted.for_each(|(i, out)| *out = self.coverage_of(i));
+        self.coverage = coverage;
     }
 
     fn coverage_of(&self, cell: usize) -> Coverage {
         let (col, row) = (cell % self.grid.width, cell / self.grid.width);
         let views = |z: f32| self.covering_views(col, row, z);
-        let step = (self.stack.planes - 1) as f32 / (ALTITUDES - 1) as f32;
-        let counts = std::array::from_fn(|k| views(self.stack.altitude(cell, k as f32 * step)));
+        let planes = self.ranges.planes(cell);
+        let step = planes.len().saturating_sub(1) as f32 / (ALTITUDES - 1) as f32;
+        let plane = |k: usize| planes.start as f32 + k as f32 * step;
+        let counts = std::array::from_fn(|k| views(self.stack.altitude(cell, plane(k))));
         Coverage::new(views(self.stack.ground.data[cell]), counts, views_needed(self.images.len()))
     }
 

@@ -7,6 +7,9 @@ use std::path::Path;
 /// Score from which the altitude of a cell counts as confident.
 pub(super) const CONFIDENT: f32 = 0.4;
 
+/// Score below which an altitude may be noise, anywhere in the range that is searched.
+const LEAST_AGREEMENT: f32 = 0.1;
+
 /// Altitudes on a map grid, found by matching.
 #[derive(Clone, Debug)]
 pub struct MatchedSurface {
@@ -32,6 +35,14 @@ impl MatchedSurface {
     pub fn point(&self, col: usize, row: usize) -> Point<Site> {
         let p = self.site.site_from_utm(self.grid.cell_center(col, row));
         Point::new(p.x(), p.y(), f64::from(self.altitude.at(col, row)))
+    }
+
+    /// Lowest and highest altitude, site metres, of the cells on which views agree at all; none if there are none.
+    #[must_use]
+    pub fn altitudes(&self) -> Option<(f64, f64)> {
+        let cells = self.altitude.data.iter().zip(&self.score.data);
+        let agreed = cells.filter(|(z, score)| !z.is_nan() && **score >= LEAST_AGREEMENT);
+        agreed.map(|(z, _)| (f64::from(*z), f64::from(*z))).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 
     /// The altitudes, NaN where the score is below [`CONFIDENT`].

@@ -37,8 +37,12 @@ fn white_roof(x: f64, y: f64, z: f64) -> f64 {
 }
 
 pub(super) fn view(slope: [f64; 2], paint: Paint) -> TrainingView {
+    view_of(camera(slope), paint)
+}
+
+fn camera(slope: [f64; 2]) -> ViewCamera {
     let linear = [[2.0, 0.0, -2.0 * slope[0]], [0.0, -2.0, 2.0 * slope[1]]];
-    view_of(ViewCamera::affine(linear, [79.5, 69.5]), paint)
+    ViewCamera::affine(linear, [79.5, 69.5])
 }
 
 /// A view whose camera has a quadratic term of up to three pixels, more over this area than that of any satellite.
@@ -50,11 +54,19 @@ pub(super) fn curved_view(slope: [f64; 2], paint: Paint) -> TrainingView {
 }
 
 fn view_of(camera: ViewCamera, paint: Paint) -> TrainingView {
+    view_over(camera, paint, (height, 0.0, BLOCK_M))
+}
+
+/// Height of the surface at a place, and the lowest and highest one.
+type Relief = (fn(f64, f64) -> f64, f64, f64);
+
+fn view_over(camera: ViewCamera, paint: Paint, (height, low, high): Relief) -> TrainingView {
     // A pixel shows the highest point of its ray on the surface, because rays rise towards the camera.
     let color = |col: usize, row: usize| {
         let at = |z: f64| camera.localize(Pixel::new(col as f64, row as f64), z);
-        let steps = (0..=120).rev().map(|k| f64::from(k) * BLOCK_M / 120.0);
-        let z = steps.into_iter().find(|z| height(at(*z)[0], at(*z)[1]) >= *z).unwrap_or(0.0);
+        let steps = (10.0 * (high - low)).clamp(1.0, 240.0) as i32;
+        let steps = (0..=steps).rev().map(|k| low + f64::from(k) * (high - low) / f64::from(steps));
+        let z = steps.into_iter().find(|z| height(at(*z)[0], at(*z)[1]) >= *z).unwrap_or(low);
         paint(at(z)[0], at(z)[1], z) as f32
     };
     let plane = Grid2::from_fn(160, 140, color);
@@ -68,6 +80,7 @@ pub(super) fn setup() -> SiteScene {
         site,
         area,
         altitudes: (-5.0, 20.0),
+        searched: (-5.0, 20.0),
         views: Vec::new(),
         reference: 0,
         is_framed: false,
@@ -76,6 +89,8 @@ pub(super) fn setup() -> SiteScene {
 }
 
 const SLOPES: [[f64; 2]; 6] = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3], [0.2, -0.2]];
+
+const PAIR: [[f64; 2]; 2] = [[-0.2, 0.0], [0.2, 0.0]];
 
 fn views(paint: Paint) -> Vec<TrainingView> {
     SLOPES.into_iter().map(|slope| view(slope, paint)).collect()
@@ -111,12 +126,71 @@ fn cameras_with_a_quadratic_term_find_the_same_surface() {
 }
 
 #[test]
-fn a_framed_scene_without_sparse_points_is_matched_over_its_altitudes() {
-    let views = views(texture);
-    assert!(PlaneSweep::new(&setup(), &views, &[]).is_none());
-    let framed = SiteScene { is_framed: true, ..setup() };
-    let surface = PlaneSweep::new(&framed, &views, &[]).unwrap().run(&NoProgress).unwrap();
+fn a_scene_without_sparse_points_is_matched_over_the_altitudes_that_are_searched() {
+    let surface = PlaneSweep::new(&setup(), &views(texture), &[]).unwrap().run(&NoProgress).unwrap();
     assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
+}
+
+const TOWER_M: f64 = 60.0;
+
+/// A tower of 8 x 8 m.
+fn tower(x: f64, y: f64) -> f64 {
+    if x.abs() < 4.0 && y.abs() < 4.0 { TOWER_M } else { 0.0 }
+}
+
+/// A pit of 28 x 28 m.
+fn pit(x: f64, y: f64) -> f64 {
+    if x.abs() < 14.0 && y.abs() < 14.0 { -TOWER_M } else { 0.0 }
+}
+
+/// A chimney of 6 x 6 m.
+fn chimney(x: f64, y: f64) -> f64 {
+    if x.abs() < 3.0 && y.abs() < 3.0 { 0.5 * TOWER_M } else { 0.0 }
+}
+
+/// Matches views of a relief with tie points on the ground around it only; returns the shares of the cells within `half_m`
+/// metres of the middle that are right, and that are also confident.
+fn found(relief: fn(f64, f64) -> f64, slopes: &[[f64; 2]], half_m: f64, searched: (f64, f64)) -> [f64; 2] {
+    let middle = relief(0.0, 0.0);
+    let relief_and_bounds = (relief, middle.min(0.0), middle.max(0.0));
+    let of = |slope: &[f64; 2]| view_over(camera(*slope), texture, relief_and_bounds);
+    let views: Vec<TrainingView> = slopes.iter().map(of).collect();
+    let is_ground = |p: &Point<Site>| relief(p.x(), p.y()) == 0.0;
+    let sparse: Vec<Point<Site>> = sparse().into_iter().map(|p| p.at_height(0.0)).filter(is_ground).collect();
+    let scene = SiteScene { searched, ..setup() };
+    let surface = PlaneSweep::new(&scene, &views, &sparse).unwrap().run(&NoProgress).unwrap();
+    let (width, height) = (surface.grid.width, surface.grid.height);
+    let cells = (0..width * height).map(|i| (i, surface.point(i % width, i / width)));
+    let meant: Vec<_> = cells.filter(|(_, p)| p.x().abs() < half_m && p.y().abs() < half_m).collect();
+    let right = || meant.iter().filter(|(_, p)| (p.z() - relief(p.x(), p.y())).abs() < 1.0);
+    let confident = right().filter(|(i, _)| surface.score.data[*i] > 0.0).count();
+    [right().count(), confident].map(|n| n as f64 / meant.len() as f64)
+}
+
+#[test]
+fn towers_pits_and_chimneys_without_tie_points_are_found_by_many_views_and_by_two() {
+    let reliefs: [(fn(f64, f64) -> f64, f64); 3] = [(tower, 3.0), (pit, 2.0), (chimney, 2.0)];
+    for slopes in [&SLOPES[..], &PAIR[..]] {
+        for (relief, half_m) in reliefs {
+            let [right, confident] = found(relief, slopes, half_m, (-90.0, 120.0));
+            let top = relief(0.0, 0.0);
+            assert!(right > 0.9 && confident > 0.8, "{} views, {top} m: {right} {confident}", slopes.len());
+        }
+    }
+}
+
+#[test]
+fn cells_whose_best_altitude_lies_at_an_end_of_the_range_are_not_confident() {
+    let plateau: fn(f64, f64) -> f64 = |_, _| 10.0;
+    let of = |slope: [f64; 2]| view_over(camera(slope), texture, (plateau, 0.0, 10.0));
+    for slopes in [&SLOPES[..], &PAIR[..]] {
+        let views: Vec<TrainingView> = slopes.iter().map(|slope| of(*slope)).collect();
+        let scene = SiteScene { searched: (-5.0, 9.0), ..setup() };
+        let surface = PlaneSweep::new(&scene, &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+        let seen = surface.score.data.iter().filter(|s| **s > CONFIDENT).count();
+        let share = seen as f64 / surface.score.data.len() as f64;
+        assert!(share < 0.2, "{} views: {share}", slopes.len());
+    }
 }
 
 /// The true surface, raised.
@@ -130,20 +204,22 @@ fn raised(sweep: &PlaneSweep, up: f64) -> Grid2 {
 #[test]
 fn textureless_cells_follow_the_prior_if_there_is_no_first_surface() {
     let views = views(textureless);
-    let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
+    let mut sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude.data.fill(f32::NAN);
-    let surface = sweep.refine(&raised(&sweep, 0.0), &first);
+    let prior = raised(&sweep, 0.0);
+    let surface = sweep.refine(&prior, &first);
     assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
 }
 
 #[test]
 fn textureless_cells_stay_on_the_first_surface_if_training_drifted() {
     let views = views(textureless);
-    let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
+    let mut sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude = raised(&sweep, 0.0);
-    let surface = sweep.refine(&raised(&sweep, 4.0), &first);
+    let prior = raised(&sweep, 4.0);
+    let surface = sweep.refine(&prior, &first);
     assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
 }
 

@@ -15,7 +15,7 @@ use crate::frame::SiteGrid;
 use crate::io::{VerticalReference, write_json};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
-use crate::scene::{self, Scene};
+use crate::scene::{self, HeightSource, Scene, SearchedHeights};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -109,7 +109,9 @@ pub(crate) fn adjust_locked(
     progress: &dyn Progress,
 ) -> Result<Adjusted, PipelineError> {
     let dem = options.dem.as_ref().map(|dem| read_dem(dem, scene)).transpose()?;
-    let heights = dem.as_ref().map(scene::Dem::heights_to_search).or(options.height_range);
+    let of_dem = dem.as_ref().map(|dem| (dem.heights_to_search(), HeightSource::ElevationModel));
+    let stated = of_dem.or(options.height_range.map(|range| (range, HeightSource::Option)));
+    let heights = stated.map(|(range, _)| range);
     let folder = run.join(ADJUSTMENT);
     let outputs = vec![run.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
     let gamma = scene.transfer_function.gamma();
@@ -145,6 +147,7 @@ pub(crate) fn adjust_locked(
     let is_used = |name: &String| adjustment.cameras.iter().any(|c| c.0 == *name);
     let mut used = scene.clone();
     used.views.retain(|v| is_used(&v.name));
+    used.heights = stated.map(|((low_m, high_m), source)| SearchedHeights { low_m, high_m, source });
     adjustment.write(&folder, &used)?;
     relocation::forget(run)?;
     write_json(&run.join(SCENE), &used)?;

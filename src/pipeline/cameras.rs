@@ -135,6 +135,7 @@ mod tests {
             site,
             area: (0.0, 0.0, 1.0, 1.0),
             altitudes: (0.0, 1.0),
+            searched: (0.0, 1.0),
             views: vec![],
             reference: 0,
             is_framed: false,

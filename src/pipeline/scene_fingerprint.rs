@@ -28,6 +28,8 @@ pub(super) fn scene_fingerprint(scene: &Scene) -> Result<Fingerprint, PipelineEr
     let mut out = Fingerprint::new();
     let mut content = scene.clone();
     content.warnings.clear();
+    // The options that set them are part of the fingerprint of an adjustment.
+    content.heights = None;
     for view in &mut content.views {
         // Which pixels are valid may be declared in a file beside the image as well. All pixels are read to find out, which an
         // image on the network is too far away for.

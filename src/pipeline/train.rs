@@ -105,7 +105,7 @@ fn train_heights(
     }
     stage.require_writable()?;
     require_images(scene)?;
-    let training = Training::new(run, options, recipe, scene)?;
+    let mut training = Training::new(run, options, recipe, scene)?;
     let (extent, threads) = (Extent::of(&training.setup), rayon::current_num_threads());
     if training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() && extent.views > 1 {
         let expected = extent.expectation(&training.recipe, threads);
@@ -117,10 +117,17 @@ fn train_heights(
     }
     let (every, is_required) = (options.checkpoint_every, options.resume);
     let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
-    let (at_start, mut log, state) = match checkpoints.take_up(views.len(), options.overwrite, progress)? {
+    let taken_up = checkpoints.take_up(views.len(), options.overwrite, progress)?;
+    if taken_up.is_none() {
+        training.match_surface(&views, progress)?;
+    }
+    // Read from the file whether or not training was interrupted, so that both give the same bytes.
+    let first = training.first_surface()?;
+    training.bound_altitudes(first.as_ref());
+    let (at_start, mut log, state) = match taken_up {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
-            let (start, appearances) = training.splats_at_start(&views, progress)?;
+            let (start, appearances) = training.splats_at_start(&views, first.as_ref(), progress)?;
             let splats_at_start = start.splats.len();
             let kind = training.recipe.appearance;
             let mut state = TrainingState::start(start, kind, views.len(), options.seed);
@@ -129,8 +136,6 @@ fn train_heights(
             (splats_at_start, Vec::new(), state)
         }
     };
-    // Read from the file whether or not training was interrupted, so that both give the same bytes.
-    let first = training.first_surface()?;
     let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
     let inputs = TermInputs { prior, lpips: None };
     let schedule = Schedule {

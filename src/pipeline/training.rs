@@ -12,7 +12,7 @@ use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
 use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
-use crate::scene::Scene;
+use crate::scene::{Scene, SearchedHeights};
 use crate::splat::anchored::StartSplats;
 use crate::splat::appearance::{Appearance, AppearanceKind, affine};
 use crate::splat::backend::TrainingBackend;
@@ -31,6 +31,8 @@ pub(super) struct Training<'a> {
     options: &'a TrainOptions,
     pub recipe: Recipe,
     pub setup: SiteScene,
+    /// What gave the heights between which the surface is searched.
+    heights: SearchedHeights,
     /// The sparse points in the area.
     sparse: Vec<Point<Site>>,
 }
@@ -55,25 +57,48 @@ impl<'a> Training<'a> {
             tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
         }
         let sparse = setup.sparse(&points);
-        Ok(Self { run, options, recipe, setup, sparse })
+        let heights = scene.heights_with(points.iter().map(|p| p.height_m()));
+        Ok(Self { run, options, recipe, setup, heights, sparse })
     }
 
-    /// The splats that training begins with, and the colour models of the views if these were predicted with them. Nothing is left
-    /// of a training before.
-    pub fn splats_at_start(
+    /// Finds the surface by matching, if the recipe has one, and writes it. Nothing is left of a training before.
+    pub fn match_surface(
         &self,
         views: &[TrainingView],
         progress: &dyn Progress,
-    ) -> Result<(StartSplats, Vec<Appearance>), PipelineError> {
+    ) -> Result<(), PipelineError> {
         let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
         let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
+        if let Some(sweep) = self.sweep(views) {
+            let (origin_m, (low, high)) = (self.setup.site.origin.z(), self.setup.searched);
+            let heights = SearchedHeights { low_m: origin_m + low, high_m: origin_m + high, ..self.heights };
+            progress.event(Event::Note(format!("heights searched: {heights}")));
+            sweep.run(progress)?.write(&self.run.join(FIRST_SURFACE))?;
+        }
+        Ok(())
+    }
+
+    /// Extends the altitudes of splats to the surface that training starts on. Without one, they may lie wherever an option or
+    /// metadata say that the surface is, else near the tie points.
+    pub fn bound_altitudes(&mut self, first: Option<&MatchedSurface>) {
+        match first.and_then(MatchedSurface::altitudes) {
+            Some(found) => self.setup.include_surface(found),
+            None if self.heights.is_of_place() => self.setup.altitudes = self.setup.searched,
+            None => {}
+        }
+    }
+
+    /// The splats that training begins with on the `first` surface, if there is one, and the colour models of the views if these
+    /// were predicted with them.
+    pub fn splats_at_start(
+        &self,
+        views: &[TrainingView],
+        first: Option<&MatchedSurface>,
+        progress: &dyn Progress,
+    ) -> Result<(StartSplats, Vec<Appearance>), PipelineError> {
         let (setup, seed) = (&self.setup, self.options.seed);
         let primitive = self.recipe.primitive;
-        let first = self.sweep(views).map(|sweep| sweep.run(progress)).transpose()?;
-        if let Some(first) = &first {
-            first.write(&self.run.join(FIRST_SURFACE))?;
-        }
-        let (mut start, appearances) = match (self.predicted(views, first.as_ref(), progress)?, &first) {
+        let (mut start, appearances) = match (self.predicted(views, first, progress)?, first) {
             (Some((splats, appearances)), _) => (splats.into(), appearances),
             (None, Some(first)) => (init::init_from_surface(first, views, primitive), Vec::new()),
             (None, None) => match self.recipe.start {
@@ -174,23 +199,22 @@ impl<'a> Training<'a> {
         from: Option<&MatchedSurface>,
         log: &[LogLine],
     ) -> Result<TrainedCameras, PipelineError> {
-        let swept = self.sweep(views).zip(from);
+        // Few views do not refine the surface.
+        let sweep = from.filter(|_| PlaneSweep::can_refine(views.len())).and_then(|_| self.sweep(views));
         let names = views.iter().map(|v| v.name.clone());
         let Self { run, recipe, setup, .. } = self;
         let made = backend.snapshot()?;
-        if let Some((sweep, first)) = &swept {
-            let surface = if sweep.supports_refinement() {
+        if let Some(first) = from {
+            let refined = sweep.map(|mut sweep| {
                 let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
-                &sweep.refine(&trained, first)
-            } else {
-                first
-            };
-            surface.write(&run.join(SURFACE))?;
+                sweep.refine(&trained, first)
+            });
+            refined.as_ref().unwrap_or(first).write(&run.join(SURFACE))?;
         }
         write_log(&run.join(TRAINING), log)?;
         pictures::curves(log).write(&run.join("train/curves.svg"))?;
         let appearances = names.zip(made.appearances.iter().map(|a| a.0.clone())).collect();
-        let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
+        let cameras = TrainedCameras { setup, appearances, recipe, is_matched: from.is_some() };
         cameras.write_splats(run, &made.splats)?;
         if cameras.recipe.then.is_some() {
             let shown = cameras.read_shown_splats(run)?;

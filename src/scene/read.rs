@@ -55,7 +55,8 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     if views.is_empty() {
         return Err(SceneError::NoImages { path: path.into() });
     }
-    let mut scene = Scene { views, aoi: None, transfer_function: TransferFunction::default(), warnings };
+    let mut scene =
+        Scene { views, aoi: None, heights: None, transfer_function: TransferFunction::default(), warnings };
     scene.views.sort_by(|a, b| a.name.cmp(&b.name));
     checks::refuse_duplicates(&scene)?;
     give_suns(&mut scene, &options.suns)?;

@@ -1,7 +1,7 @@
 //! A scene and its views: names, files and geometry. Pixels are read when they are needed.
 
 use super::files::file_name;
-use super::{Aoi, TransferFunction};
+use super::{Aoi, SearchedHeights, TransferFunction};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, wrap_longitude_deg};
 use crate::io::Window;
 use crate::rpc::Rpc;
@@ -89,6 +89,9 @@ pub struct Scene {
     /// The area of interest to which images are cropped, if one was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aoi: Option<Aoi>,
+    /// The heights to search, if an option or an elevation model gives them; [`Scene::heights`] tells those that count.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heights: Option<SearchedHeights>,
     /// Relation between the images' pixel values and linear radiance.
     #[serde(default, skip_serializing_if = "TransferFunction::is_linear")]
     pub transfer_function: TransferFunction,
@@ -114,20 +117,6 @@ impl Scene {
     /// Views that may be trained on.
     pub fn training(&self) -> impl Iterator<Item = &View> {
         self.views.iter().filter(|v| v.role == Role::Train)
-    }
-
-    /// Lowest and highest ellipsoidal height in metres to search: the union of the ranges in the metadata of the views, or,
-    /// if there are none, the intersection of the ranges of their RPCs.
-    #[must_use]
-    pub fn height_range(&self) -> (f64, f64) {
-        let stated = self.views.iter().filter_map(|v| v.height_range);
-        let wide = stated.fold(None, |acc: Option<(f64, f64)>, (lo, hi)| {
-            Some(acc.map_or((lo, hi), |(a, b)| (a.min(lo), b.max(hi))))
-        });
-        wide.unwrap_or_else(|| {
-            let ranges = self.views.iter().map(|v| v.rpc.height_range());
-            ranges.fold((f64::NEG_INFINITY, f64::INFINITY), |a, b| (a.0.max(b.0), a.1.min(b.1)))
-        })
     }
 
     /// Mean of the ground points at the image centres, at the middle of the height range; `None` if there are none.

@@ -181,6 +181,7 @@ mod tests {
             site,
             area: (-30.0, -20.0, 30.0, 20.0),
             altitudes: (-5.0, 30.0),
+            searched: (-5.0, 30.0),
             views: Vec::new(),
             reference: 0,
             is_framed: false,

@@ -183,11 +183,12 @@ impl Job<'_> {
     fn train_options(&self) -> Result<TrainOptions, TilesError> {
         let site = self.site();
         let ([w, s, e, n], [x, y, z]) = (self.tile.splat_box, site.origin.xyz());
-        let [low, high] = self.tile.heights_m;
+        let above = |[low, high]: [f64; 2]| (low - z, high - z);
         let frame = SiteFrame {
             site,
             area: (w - x, s - y, e - x, n - y),
-            altitudes: (low - z, high - z),
+            altitudes: above(self.tile.heights_m),
+            searched: above(self.tile.searched_m),
             reference: Some(self.tile.reference.clone()),
         };
         // All fields are named, so that none is forgotten.

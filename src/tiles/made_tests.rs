@@ -49,6 +49,7 @@ impl Made<'_> {
                 core,
                 splat_box: core,
                 heights_m: [0.0, 50.0],
+                searched_m: [0.0, 50.0],
                 views: Vec::new(),
                 reference: "v00".into(),
                 neighbours: all.iter().filter(near).map(|&(c, r)| Self::id(c, r)).collect(),

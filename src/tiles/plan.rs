@@ -120,8 +120,11 @@ pub struct Tile {
     pub core: MapBox,
     /// Where splats may live: the overlap box, and around it what occludes it or casts shadows on it.
     pub splat_box: MapBox,
-    /// Lowest and highest ellipsoidal height, metres.
+    /// Lowest and highest ellipsoidal height of the tie points, with margins, metres: what the boxes, the windows of the views and
+    /// the cost are made for.
     pub heights_m: [f64; 2],
+    /// Lowest and highest ellipsoidal height between which the surface is searched, metres.
+    pub searched_m: [f64; 2],
     /// The views that are trained on or tested, with the parts of their images that show the splat box.
     pub views: Vec<TileView>,
     /// Name of the view whose colours the orthophoto takes: the same for all tiles that it covers.
@@ -194,6 +197,9 @@ impl Plan {
             let [low, high] = tile.heights_m;
             if !is_box(&tile.core) || !is_box(&tile.splat_box) || !is_length(high - low) {
                 return Err(format!("tile `{id}`: `core`, `splat_box` or `heights_m` is empty"));
+            }
+            if !is_length(tile.searched_m[1] - tile.searched_m[0]) {
+                return Err(format!("tile `{id}`: `searched_m` is empty"));
             }
         }
         Ok(())
@@ -306,6 +312,7 @@ mod tests {
             core,
             splat_box: core,
             heights_m: [0.0, 1.0],
+            searched_m: [0.0, 1.0],
             views: Vec::new(),
             reference: String::new(),
             neighbours: Vec::new(),

@@ -8,7 +8,7 @@ use super::plan::{
     Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView, adjustment_hash, to_json,
 };
 use super::plan_options::{CORE_PER_OVERLAP, PlanOptions, RECIPE, fingerprint};
-use crate::affine::{MIN_POINTS, SiteScene, height_range, sun_direction};
+use crate::affine::{MIN_POINTS, SiteScene, height_bounds, sun_direction, with_margins};
 use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm, wrap_longitude_deg};
 use crate::io::{ImageFile, MapGrid, Window, write_file, write_json};
@@ -149,8 +149,9 @@ struct Planner<'a> {
     overlap_m: f64,
     site: SiteGrid,
     area: MapBox,
-    /// Lowest and highest ellipsoidal height of the scene, metres.
+    /// Lowest and highest ellipsoidal height of the scene, and of those that are searched, metres.
     heights_m: [f64; 2],
+    searched_m: [f64; 2],
     points: Vec<Point<Utm>>,
     adjustment_hash: String,
     scene: Scene,
@@ -165,7 +166,8 @@ impl<'a> Planner<'a> {
         let grid = MapGrid::covering(site.epsg, (x + w, y + s, x + e, y + n), options.resolution_m);
         let (w, s, e, n) = grid.bounds();
         require_near_zone(&site, [w, s, e, n])?;
-        let heights_m = [z + setup.altitudes.0, z + setup.altitudes.1];
+        let [heights_m, searched_m] =
+            [setup.altitudes, setup.searched].map(|(low, high)| [z + low, z + high]);
         let adjustment_hash = adjustment_hash(run)?;
         let (recipe, surface) = (options.train.recipe()?, options.surface.found()?);
         // Strips of a whole number of cells.
@@ -178,6 +180,7 @@ impl<'a> Planner<'a> {
             site,
             area: [w, s, e, n],
             heights_m,
+            searched_m,
             points,
             adjustment_hash,
             scene,
@@ -353,6 +356,7 @@ impl<'a> Planner<'a> {
             core,
             splat_box,
             heights_m,
+            searched_m: self.searched_m,
             views,
             reference: reference.map(|c| c.view.name.clone()).unwrap_or_default(),
             neighbours: Vec::new(),
@@ -396,7 +400,8 @@ impl<'a> Planner<'a> {
         if heights.len() < MIN_POINTS {
             return self.heights_m;
         }
-        height_range(heights).map_or(self.heights_m, |(a, b)| [a.max(low), b.min(high)])
+        let around = |found| with_margins(found, (low, high)).into();
+        height_bounds(&heights).map_or(self.heights_m, around)
     }
 
     /// The views of a tile, by the places of its overlap box that each view of the scene shows: those that show much of what

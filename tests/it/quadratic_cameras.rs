@@ -82,6 +82,7 @@ fn a_scene_trained_in_a_given_frame_has_heights_as_good_as_one_that_finds_its_ow
         site: own.site,
         area: (own.area.0 - margin_m, own.area.1 - margin_m, own.area.2 + margin_m, own.area.3 + margin_m),
         altitudes: own.altitudes,
+        searched: own.searched,
         reference: Some(reference.clone()),
     };
     let framed = TrainOptions { frame: Some(frame(FRAME_MARGIN_M)), ..options.clone() };
@@ -89,8 +90,8 @@ fn a_scene_trained_in_a_given_frame_has_heights_as_good_as_one_that_finds_its_ow
     let given = TrainedCameras::read(&path("given")).unwrap().setup;
     assert!(given.is_framed && given.views[given.reference].name == reference);
     assert_eq!(
-        (given.site, given.area, given.altitudes),
-        (own.site, frame(FRAME_MARGIN_M).area, own.altitudes)
+        (given.site, given.area, given.searched),
+        (own.site, frame(FRAME_MARGIN_M).area, own.searched)
     );
     for view in own.views.iter().chain(&given.views) {
         assert!(view.camera.quadratic != [[0.0; 6]; 2] && view.max_px < 0.001, "{view:?}");

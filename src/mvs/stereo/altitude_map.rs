@@ -37,21 +37,22 @@ impl AltitudeMap {
     /// beyond.
     pub fn optimized(image: &MatchImage, rays: &Rays, volume: &RayCosts) -> Self {
         let Grid2 { width, height, .. } = image.gray;
-        let planes = volume.planes;
         let p2 = p2_penalties(image);
         let penalties = Penalties { p1: P1, p2: P2::PerCell(&p2) };
-        let sums = semiglobal::aggregate(&volume.costs, width, planes, penalties);
+        let sums = semiglobal::aggregate(&volume.costs, volume.ranges, penalties);
         let best = |i: usize| {
-            let (costs, sums) = (volume.pixel(i), &sums[i * planes..(i + 1) * planes]);
-            let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
+            let entries = volume.ranges.entries(i..i + 1);
+            let (costs, sums) = (&volume.costs[entries.clone()], &sums[entries]);
+            let k = (0..sums.len()).min_by_key(|k| sums[*k]).unwrap_or(0);
             // Without correlation, or where no source view sees the point, only the neighbours have
             // determined the plane.
-            if f32::from(costs[k]) >= RayCosts::UNCORRELATED || k == 0 || k + 1 == planes {
+            if k == 0 || k + 1 == sums.len() || f32::from(costs[k]) >= RayCosts::UNCORRELATED {
                 return (f32::NAN, 0.0);
             }
             let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
             let fraction = 0.5 * (a - c) / (a - 2.0 * b + c).max(1.0);
-            let altitude = rays.lowest.data[i] + rays.step_m * (k as f32 + fraction);
+            let plane = (volume.ranges.planes(i).start + k) as f32 + fraction;
+            let altitude = rays.lowest.data[i] + rays.step_m * plane;
             (altitude, 1.0 - f32::from(costs[k]) / RayCosts::UNCORRELATED)
         };
         let found: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();

@@ -19,6 +19,7 @@ mod consistency;
 mod fill;
 mod fuse;
 mod ray_costs;
+mod ray_ranges;
 mod rays;
 mod reference;
 
@@ -29,16 +30,18 @@ use crate::io::{Grid2, Window};
 use crate::progress::{Event, Interrupted, Progress};
 use altitude_map::AltitudeMap;
 use ray_costs::RayCosts;
+use ray_ranges::{BLOCKS, RayRanges};
 use rays::Rays;
 use reference::{ReferenceView, reference_views};
+use std::ops::Range;
 
 /// Number of views up to which they are matched in the images instead of on the map grid.
 pub const FEW_VIEWS: usize = 5;
 /// Distance between planes, pixels of the source view in which it is largest.
 const PLANE_STEP_PX: f64 = 0.5;
-/// Rows above and below a strip that are matched with it, so that the paths of semi-global matching have
-/// settled where the strip begins.
-const STRIP_MARGIN: usize = 64;
+/// Rows of blocks above and below a strip that are matched with it, so that the paths of semi-global matching have settled
+/// where the strip begins: 64 rows of pixels.
+const STRIP_MARGIN: usize = 64 / BLOCKS.rows;
 
 /// Matches the images of a few views.
 pub(super) fn match_views(
@@ -50,7 +53,7 @@ pub(super) fn match_views(
     let mut maps = Vec::with_capacity(references.len());
     for (done, reference) in (1..).zip(&references) {
         progress.check()?;
-        maps.push(altitude_map(sweep, reference, strip_rows(sweep, reference)));
+        maps.push(altitude_map(sweep, reference, MAX_VOLUME));
         progress.event(Event::Advanced { done, status: String::new() });
     }
     let consistent = consistency::consistent(&sweep.images, &maps, &references);
@@ -59,29 +62,45 @@ pub(super) fn match_views(
     Ok(surface)
 }
 
-/// Number of rows of a view that are matched at a time, so that their cost volume fits into [`MAX_VOLUME`].
-fn strip_rows(sweep: &PlaneSweep, reference: &ReferenceView) -> usize {
-    let planes = (sweep.stack.height_m() / (PLANE_STEP_PX * reference.metres_per_px)).ceil() + 1.0;
-    let rows = MAX_VOLUME / (sweep.images[reference.view].gray.width as f64 * planes);
-    (rows as usize).saturating_sub(2 * STRIP_MARGIN).max(STRIP_MARGIN)
-}
-
-/// The altitude map of one view, matched in strips of `rows` rows.
-fn altitude_map(sweep: &PlaneSweep, reference: &ReferenceView, rows: usize) -> AltitudeMap {
+/// The altitude map of one view, matched in strips whose cost volumes have at most `most` entries.
+fn altitude_map(sweep: &PlaneSweep, reference: &ReferenceView, most: f64) -> AltitudeMap {
     let image = &sweep.images[reference.view];
     let sources: Vec<&MatchImage> = reference.sources.iter().map(|j| &sweep.images[*j]).collect();
     let step_m = PLANE_STEP_PX * reference.metres_per_px;
+    let all = RayRanges::new(sweep, image, step_m);
     let Grid2 { width, height, .. } = image.gray;
     let mut map = AltitudeMap::unknown(width, height);
-    for first in (0..height).step_by(rows) {
-        let last = (first + rows).min(height);
-        let (from, to) = (first.saturating_sub(STRIP_MARGIN), (last + STRIP_MARGIN).min(height));
-        let strip = image.cropped(Window { col: 0, row: from, width, height: to - from });
-        let rays = Rays::new(sweep, &strip, &sources, step_m);
-        let costs = RayCosts::new(&strip, &sources, &rays);
-        map.copy_rows(first..last, &AltitudeMap::optimized(&strip, &rays, &costs), from);
+    for (own, matched) in strips(&all, most) {
+        let rows = |blocks: &Range<usize>| {
+            (blocks.start * BLOCKS.rows).min(height)..(blocks.end * BLOCKS.rows).min(height)
+        };
+        let ranges = all.of_rows(matched.clone());
+        let (own, matched) = (rows(&own), rows(&matched));
+        let strip = image.cropped(Window { col: 0, row: matched.start, width, height: matched.len() });
+        let rays = Rays::new(sweep, &strip, &sources, (all.low_m, step_m), &ranges);
+        let costs = RayCosts::new(&strip, &sources, &rays, &ranges);
+        map.copy_rows(own, &AltitudeMap::optimized(&strip, &rays, &costs), matched.start);
     }
     map
+}
+
+/// The rows of blocks of strips, and those that are matched with them: as many as fit into a volume of `most` entries, and at
+/// least one.
+fn strips(all: &RayRanges, most: f64) -> Vec<(Range<usize>, Range<usize>)> {
+    let rows = all.rows();
+    let with_margins =
+        |own: &Range<usize>| own.start.saturating_sub(STRIP_MARGIN)..(own.end + STRIP_MARGIN).min(rows);
+    let volume = |own: &Range<usize>| with_margins(own).map(|row| all.volume(row)).sum::<usize>() as f64;
+    let mut out = Vec::new();
+    let mut own = 0..1;
+    while own.start < rows {
+        while own.end < rows && volume(&(own.start..own.end + 1)) <= most {
+            own.end += 1;
+        }
+        out.push((own.clone(), with_margins(&own)));
+        own = own.end..own.end + 1;
+    }
+    out
 }
 
 #[cfg(test)]

@@ -4,60 +4,79 @@
 //! and compared by normalised cross-correlation in windows of three sizes. The smallest preserves edges, the
 //! larger ones resolve ambiguities.
 
+use super::ray_ranges::BLOCKS;
 use super::rays::Rays;
 use crate::io::Grid2;
 use crate::mvs::image::MatchImage;
+use crate::mvs::plane_ranges::PlaneRanges;
 use multiversion::multiversion;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Radii of the windows, pixels, and the weights of their correlations, which add up to 1.
 const RADII: [usize; 3] = [1, 2, 4];
 const WEIGHTS: [f32; 3] = [1.0 / 1.4, 0.3 / 1.4, 0.1 / 1.4];
-/// Rows above and below a band that its windows reach.
+/// Pixels around a block that its windows reach.
 const MARGIN: usize = RADII[2];
-/// Rows of the reference view that one thread processes.
-const BAND: usize = 16;
 /// Variance of the gray values in a window up to which the window is textureless and has no correlation.
 const MIN_VARIANCE: f32 = 1e-5;
 
-/// Matching costs of every pixel of a view at every plane, pixel by pixel: 0 for a perfect correlation,
+/// Matching costs of every pixel of a view at its planes, pixel by pixel: 0 for a perfect correlation,
 /// [`RayCosts::UNCORRELATED`] for none.
-pub(super) struct RayCosts {
-    /// Number of planes.
-    pub planes: usize,
+pub(super) struct RayCosts<'a> {
+    pub ranges: &'a PlaneRanges,
     pub costs: Vec<u8>,
 }
 
-impl RayCosts {
+impl<'a> RayCosts<'a> {
     /// Cost where no source view sees the point.
     pub const UNSEEN: u8 = 255;
     /// Cost of a correlation of 0.
     pub const UNCORRELATED: f32 = 127.0;
 
     /// Matches a reference view with source views along its rays.
-    pub fn new(reference: &MatchImage, sources: &[&MatchImage], rays: &Rays) -> Self {
+    pub fn new(
+        reference: &MatchImage,
+        sources: &[&MatchImage],
+        rays: &Rays,
+        ranges: &'a PlaneRanges,
+    ) -> Self {
         let Grid2 { width, height, .. } = reference.gray;
-        let planes = rays.planes;
-        let mut costs = vec![Self::UNSEEN; width * height * planes];
-        costs.par_chunks_mut(BAND * width * planes).enumerate().for_each(|(k, costs)| {
-            Band::new(reference, sources, rays, k * BAND).fill(costs);
+        let mut costs = vec![Self::UNSEEN; ranges.volume()];
+        let rows = |k: usize| k * BLOCKS.rows..((k + 1) * BLOCKS.rows).min(height);
+        let pixels = |k: usize| rows(k).start * width..rows(k).end * width;
+        let (across, down) = BLOCKS.count((width, height));
+        let parts = PlaneRanges::split(&mut costs, (0..down).map(|k| ranges.entries(pixels(k)).len()));
+        parts.into_par_iter().enumerate().for_each(|(k, costs)| {
+            for block in 0..across {
+                let columns = block * BLOCKS.columns..((block + 1) * BLOCKS.columns).min(width);
+                let planes = ranges.planes(pixels(k).start + columns.start);
+                if planes.is_empty() {
+                    continue;
+                }
+                let block = Block::new(reference, sources, rays, (columns.clone(), rows(k)));
+                let place = |row: usize| {
+                    let first = row * width;
+                    let entries = ranges.entries(pixels(k).start..first + columns.start).len();
+                    entries..entries + ranges.entries(first + columns.start..first + columns.end).len()
+                };
+                block.fill(planes, costs, place);
+            }
         });
-        Self { planes, costs }
-    }
-
-    /// The costs of a pixel, plane by plane.
-    pub fn pixel(&self, index: usize) -> &[u8] {
-        &self.costs[index * self.planes..(index + 1) * self.planes]
+        Self { ranges, costs }
     }
 }
 
-/// Rows of the reference view, with margins.
-struct Band<'a> {
+/// A block of pixels of the reference view, with margins.
+struct Block<'a> {
     sources: &'a [&'a MatchImage],
     rays: &'a Rays,
-    /// The first row inside the margins.
-    first_row: usize,
+    /// The columns and rows inside the margins.
+    columns: Range<usize>,
+    rows: Range<usize>,
+    /// Number of columns and of lines with the margins.
     width: usize,
+    lines: usize,
     /// The reference view.
     own: Sampled,
     /// Sums of the reference view over the windows of each size.
@@ -77,18 +96,22 @@ struct WindowSums {
     square: Vec<f32>,
 }
 
-/// Number of rows of a band with its margins.
-const ROWS: usize = BAND + 2 * MARGIN;
-
-impl<'a> Band<'a> {
-    fn new(reference: &MatchImage, sources: &'a [&'a MatchImage], rays: &'a Rays, first_row: usize) -> Self {
-        let Grid2 { width, height, .. } = reference.gray;
-        let n = width * ROWS;
+impl<'a> Block<'a> {
+    fn new(
+        reference: &MatchImage,
+        sources: &'a [&'a MatchImage],
+        rays: &'a Rays,
+        (columns, rows): (Range<usize>, Range<usize>),
+    ) -> Self {
+        let (width, lines) = (columns.len() + 2 * MARGIN, rows.len() + 2 * MARGIN);
+        let n = width * lines;
         let mut own = Sampled { value: vec![0.0; n], missing: vec![1.0; n] };
-        for (line, row) in rows_of_band(first_row, height) {
-            for (col, v) in reference.gray.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
-                own.value[line * width + col] = v - reference.mean as f32;
-                own.missing[line * width + col] = 0.0;
+        for (line, row) in in_image(&rows, reference.gray.height) {
+            let known = in_image(&columns, reference.gray.width)
+                .map(|(place, col)| (line * width + place, reference.gray.at(col, row)))
+                .filter(|(_, v)| !v.is_nan());
+            for (i, v) in known {
+                (own.value[i], own.missing[i]) = (v - reference.mean as f32, 0.0);
             }
         }
         let squares: Vec<f32> = own.value.iter().map(|v| v * v).collect();
@@ -101,17 +124,17 @@ impl<'a> Band<'a> {
             };
             WindowSums { value: sums(&own.value), square: sums(&squares) }
         });
-        Self { sources, rays, first_row, width, own, own_sums }
+        Self { sources, rays, columns, rows, width, lines, own, own_sums }
     }
 
-    /// Computes the costs of the rows inside the margins, as many as `costs` holds.
-    fn fill(&self, costs: &mut [u8]) {
-        let zeros = || vec![0.0f32; self.width * ROWS];
+    /// Computes the costs of the pixels inside the margins at `planes`; `place` tells where those of a row are in `costs`.
+    fn fill(&self, planes: Range<usize>, costs: &mut [u8], place: impl Fn(usize) -> Range<usize>) {
+        let zeros = || vec![0.0f32; self.width * self.lines];
         let mut view = Sampled { value: zeros(), missing: zeros() };
         let (mut square, mut product, mut scratch) = (zeros(), zeros(), zeros());
         let mut sums = SourceSums { value: zeros(), square: zeros(), product: zeros(), missing: zeros() };
         let mut scores: Vec<Vec<f32>> = self.sources.iter().map(|_| zeros()).collect();
-        for plane in 0..self.rays.planes {
+        for plane in planes.clone() {
             for (k, score) in scores.iter_mut().enumerate() {
                 self.resample(k, plane, &mut view);
                 multiply(&view.value, &view.value, &mut square);
@@ -125,15 +148,13 @@ impl<'a> Band<'a> {
                     sum(&square, &mut sums.square);
                     sum(&product, &mut sums.product);
                     sum(&view.missing, &mut sums.missing);
-                    for line in sums.missing.chunks_exact_mut(self.width) {
-                        let (left, right) = (radius.min(self.width), self.width.saturating_sub(radius));
-                        line[..left].fill(1.0);
-                        line[right..].fill(1.0);
-                    }
                     add_correlation(score, own, &sums, ((2 * radius + 1).pow(2) as f32).recip(), weight);
                 }
             }
-            self.store(&scores, plane, costs);
+            for (line, row) in self.rows.clone().enumerate() {
+                let of_row = &mut costs[place(row)];
+                self.store(&scores, line, of_row[plane - planes.start..].iter_mut().step_by(planes.len()));
+            }
         }
     }
 
@@ -143,14 +164,17 @@ impl<'a> Band<'a> {
         let [step_cols, step_rows] = &self.rays.step_px[k];
         out.value.fill(0.0);
         out.missing.fill(1.0);
-        for (line, row) in rows_of_band(self.first_row, cols.height) {
-            let at = line * self.width..(line + 1) * self.width;
+        let Some((first, from)) = in_image(&self.columns, cols.width).next() else { return };
+        let length = in_image(&self.columns, cols.width).count();
+        let columns = from..from + length;
+        for (line, row) in in_image(&self.rows, cols.height) {
+            let at = line * self.width + first..line * self.width + first + length;
             let (value, missing) = (&mut out.value[at.clone()], &mut out.missing[at.clone()]);
             sample_row(
                 &source.gray,
                 source.mean as f32,
-                [cols.row(row), rows.row(row)],
-                [step_cols.row(row), step_rows.row(row)],
+                [&cols.row(row)[columns.clone()], &rows.row(row)[columns.clone()]],
+                [&step_cols.row(row)[columns.clone()], &step_rows.row(row)[columns.clone()]],
                 plane as f32,
                 value,
                 missing,
@@ -161,14 +185,13 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Stores the costs of one plane. The correlations with the source views that see a point are averaged as
+    /// Stores the costs of one plane in a row. The correlations with the source views that see a point are averaged as
     /// cubes, so that one view that correlates well has more influence than several that correlate
     /// moderately.
-    fn store(&self, scores: &[Vec<f32>], plane: usize, costs: &mut [u8]) {
-        let planes = self.rays.planes;
-        for (i, cost) in costs[plane..].iter_mut().step_by(planes).enumerate() {
-            let at = i + MARGIN * self.width;
-            let known = scores.iter().map(|s| s[at]).filter(|s| !s.is_nan()).map(|s| s.max(0.0));
+    fn store<'b>(&self, scores: &[Vec<f32>], line: usize, costs: impl Iterator<Item = &'b mut u8>) {
+        let first = (line + MARGIN) * self.width + MARGIN;
+        for (i, cost) in costs.enumerate() {
+            let known = scores.iter().map(|s| s[first + i]).filter(|s| !s.is_nan()).map(|s| s.max(0.0));
             let (sum, n) = known.fold((0.0f32, 0.0f32), |(sum, n), s| (sum + s * s * s, n + 1.0));
             if n > 0.0 {
                 *cost = (RayCosts::UNCORRELATED * (1.0 - (sum / n).cbrt()) + 0.5).clamp(0.0, 254.0) as u8;
@@ -177,11 +200,13 @@ impl<'a> Band<'a> {
     }
 }
 
-/// The rows of a band that lie in the image: their index in the band, and their row of the image.
-fn rows_of_band(first_row: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
-    (0..ROWS).filter_map(move |line| {
-        let row = (first_row + line).checked_sub(MARGIN)?;
-        (row < height).then_some((line, row))
+/// The columns or rows of a block with its margins that lie in an image of so many: their index in the block, and the column or
+/// row.
+fn in_image(inside: &Range<usize>, count: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
+    let first = inside.start;
+    (0..inside.len() + 2 * MARGIN).filter_map(move |i| {
+        let place = (first + i).checked_sub(MARGIN)?;
+        (place < count).then_some((i, place))
     })
 }
 

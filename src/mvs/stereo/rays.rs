@@ -1,9 +1,10 @@
 //! The rays of a reference view's pixels, and where the source views see the points on them.
 
 use crate::affine::ViewCamera;
-use crate::frame::{Pixel, Point};
+use crate::frame::{CenterPx, Pixel, Point};
 use crate::io::Grid2;
 use crate::mvs::image::MatchImage;
+use crate::mvs::plane_ranges::PlaneRanges;
 use crate::mvs::plane_sweep::PlaneSweep;
 
 /// Number of fixed-point iterations that intersect a ray with the ground. The slopes of the ground are
@@ -12,37 +13,35 @@ const INTERSECTION_STEPS: usize = 6;
 
 /// The rays of a view's pixels, which intersect a stack of planes parallel to the ground.
 pub(super) struct Rays {
-    /// Number of planes.
-    pub planes: usize,
-    /// Altitude of the lowest plane on every ray, site metres.
+    /// Altitude of plane 0 on every ray, site metres.
     pub lowest: Grid2,
     /// Distance between planes, metres.
     pub step_m: f32,
-    /// For every source view, the columns and rows at which it sees the lowest plane on every ray, pixels.
+    /// For every source view, the columns and rows at which it sees plane 0 on every ray, pixels.
     pub lowest_px: Vec<[Grid2; 2]>,
     /// For every source view, the displacement (columns, rows) in its image from one plane to the next on every
-    /// ray, pixels.
+    /// ray, pixels: the mean up to the middle of the planes that are tested.
     pub step_px: Vec<[Grid2; 2]>,
 }
 
 impl Rays {
-    /// The rays of `reference`, with planes `step_m` metres apart over all heights of the sweep.
-    pub fn new(sweep: &PlaneSweep, reference: &MatchImage, sources: &[&MatchImage], step_m: f64) -> Self {
+    /// The rays of `reference`, with planes `step_m` metres apart, of which those of `ranges` are tested; plane 0 lies `low_m`
+    /// metres above the ground.
+    pub fn new(
+        sweep: &PlaneSweep,
+        reference: &MatchImage,
+        sources: &[&MatchImage],
+        (low_m, step_m): (f32, f64),
+        ranges: &PlaneRanges,
+    ) -> Self {
         let camera = &reference.camera;
         let (width, height) = (reference.gray.width, reference.gray.height);
-        let planes = (sweep.stack.height_m() / step_m).ceil() as usize + 1;
-        let initial = ground_altitude(sweep, 0.0, 0.0);
         let lowest = Grid2::from_rows(width, height, |row, line| {
             for (col, lowest) in line.iter_mut().enumerate() {
-                let to_ground = |z: f64| {
-                    let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), z);
-                    ground_altitude(sweep, x, y)
-                };
-                let ground = (0..INTERSECTION_STEPS).fold(initial, |z, _| to_ground(z));
-                *lowest = ground as f32 + sweep.stack.low;
+                *lowest = to_ground(sweep, camera, Pixel::new(col as f64, row as f64)) as f32 + low_m;
             }
         });
-        // The point on a ray at a height above its lowest plane.
+        // The point on a ray at a height above plane 0.
         let point = |col: usize, row: usize, above_m: f64| {
             let z = f64::from(lowest.at(col, row)) + above_m;
             let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), z);
@@ -62,22 +61,31 @@ impl Rays {
                 [px.col, px.row]
             })
         };
-        // Half way up, the derivative of a quadratic is its mean over the ray.
         let step_px = |source: &&MatchImage| {
             columns_and_rows(&|col, row| {
-                let middle = point(col, row, 0.5 * sweep.stack.height_m());
-                let cameras = [camera, &source.camera].map(|camera| camera.tangent_at(middle));
-                px_per_metre(&cameras[0], &cameras[1]).map(|d| d * step_m)
+                let planes = ranges.planes(row * width + col);
+                let middle = (0.5 * (planes.start + planes.end) as f64).max(1.0);
+                let [low, high] =
+                    [0.0, middle * step_m].map(|above_m| source.camera.project(point(col, row, above_m)));
+                [(high.col - low.col) / middle, (high.row - low.row) / middle]
             })
         };
         Self {
-            planes,
             lowest_px: sources.iter().map(lowest_px).collect(),
             step_px: sources.iter().map(step_px).collect(),
             lowest,
             step_m: step_m as f32,
         }
     }
+}
+
+/// Altitude of the ground that a pixel shows.
+pub(super) fn to_ground(sweep: &PlaneSweep, camera: &ViewCamera, px: Pixel<CenterPx>) -> f64 {
+    let below = |z: f64| {
+        let [x, y] = camera.localize(px, z);
+        ground_altitude(sweep, x, y)
+    };
+    (0..INTERSECTION_STEPS).fold(ground_altitude(sweep, 0.0, 0.0), |z, _| below(z))
 }
 
 /// Displacement in the image of a source view, pixels, of a point that moves up by one metre on a ray of the

@@ -78,7 +78,7 @@ impl Town {
         let altitudes =
             (f64::from(lowest) - origin.z() - MARGIN_M, f64::from(highest) - origin.z() + MARGIN_M);
         let surface = ExactSurface::new(site, grid, altitude);
-        let frame = SiteFrame { site, area, altitudes, reference: None };
+        let frame = SiteFrame { site, area, altitudes, searched: altitudes, reference: None };
         let (context, targets) = views(folder, &scene, frame, transfer_function)?;
         let prior = Arc::new(Prior::new(&surface.smooth_parts()));
         let mut town = Self { area, altitudes, context, maps: None, targets: Vec::new(), surface, prior };

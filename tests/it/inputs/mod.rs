@@ -3,6 +3,7 @@
 //! Each module names in `FOLDERS` those that it tests, so that none is forgotten.
 
 mod georeference;
+mod heights;
 mod networks;
 mod photographs;
 mod products;
@@ -22,6 +23,7 @@ fn every_input_has_a_test() {
     let Some(inputs) = input(".") else { return };
     let listed = [
         georeference::FOLDERS,
+        heights::FOLDERS,
         networks::FOLDERS,
         photographs::FOLDERS,
         products::FOLDERS,
