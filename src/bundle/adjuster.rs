@@ -198,10 +198,11 @@ impl<'a> Adjuster<'a> {
     }
 }
 
-/// Whether the first of some groups has more views than all others together, so that the others are the odd ones.
+/// Whether the first of some groups has two thirds of the views or more, so that the others are the odd ones. Of views whose images
+/// are exchanged in a circle some agree by chance: three of five.
 pub(super) fn has_majority(groups: &[Vec<usize>]) -> bool {
     let others: usize = groups.iter().skip(1).map(Vec::len).sum();
-    groups.first().is_some_and(|first| first.len() > others.max(1))
+    groups.first().is_some_and(|first| first.len() >= 2 * others.max(1))
 }
 
 /// Result of one attempt.

@@ -60,7 +60,6 @@ fn is_of_cell(error: &BundleError) -> bool {
         BundleError::TooFewViews { .. }
             | BundleError::NotConnected { .. }
             | BundleError::NoTracks { .. }
-            | BundleError::UpsideDown { .. }
             | BundleError::NoBaseline { .. }
             | BundleError::NoOverlap { .. }
             | BundleError::TooOblique { .. }

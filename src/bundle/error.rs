@@ -70,15 +70,6 @@ pub enum BundleError {
         /// What ground control and the range of heights have to do with it.
         hint: String,
     },
-    /// Pairs of views see the relief upside down to each other, and it is not known which is right.
-    #[error("heights of pairs of views rise where those of others fall: {pairs}")]
-    #[diagnostic(help(
-        "are RPCs exchanged between images? `satgs info` lists the file of each; another view shows which ones are right"
-    ))]
-    UpsideDown {
-        /// The pairs.
-        pairs: String,
-    },
     /// No cell of a large scene's ground gave tie points.
     #[error("none of the {cells} cells of the ground has tie points: {reasons}")]
     #[diagnostic(help("do the views show the same place without clouds? {hint}"))]

@@ -37,7 +37,6 @@ mod patches;
 mod point_heights;
 mod precision;
 mod problem;
-mod relief_check;
 mod report;
 mod result;
 mod scale_space;

@@ -9,7 +9,6 @@ use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, LOSS_SCALES_PX};
 use super::options::BundleOptions;
 use super::problem::{Observation, Track};
-use super::relief_check::upside_down;
 use super::report::LeftOut;
 use super::tracks::{self, TrackElement};
 use super::view_pairs::with_similar_suns;
@@ -102,8 +101,6 @@ enum Round {
     Adjusted,
     /// This view contradicts the others.
     Contradicted(LeftOut),
-    /// These pairs of views see the relief upside down.
-    UpsideDown(Vec<(usize, usize)>),
     /// Matches join the views in these groups only, the largest first.
     NotConnected(Vec<Vec<usize>>),
     /// No match agrees with the cameras.
@@ -162,15 +159,6 @@ impl<'a> Adjuster<'a> {
                 Ok(Outcome::Rejected(self.apart(&groups)))
             }
             Round::NotConnected(groups) => Err(self.not_connected(&groups)),
-            Round::UpsideDown(pairs) => {
-                let odd = self.views_upside_down(&pairs);
-                if leaves_out && 2 * odd.len() < self.views.len() {
-                    return Ok(Outcome::Rejected(odd));
-                }
-                let name = |v: usize| self.views[v].view.name.as_str();
-                let pairs = pairs.iter().map(|(a, b)| format!("{{{}, {}}}", name(*a), name(*b)));
-                Err(BundleError::UpsideDown { pairs: pairs.collect::<Vec<_>>().join(" | ") })
-            }
             Round::NoTracks | Round::Adjusted => Err(self.no_tracks()),
         }
     }
@@ -200,14 +188,6 @@ impl<'a> Adjuster<'a> {
         self.progress.event(Event::Finished);
         if estimate.tracks.iter().all(|t| t.prior.is_some()) {
             return Ok(Round::NoTracks);
-        }
-        if epipolar_tolerance_px > NARROW_TOLERANCE_PX {
-            let of_many =
-                tracks.iter().filter(|t| t.len() >= 4).map(|t| self.observed(t)).collect::<Vec<_>>();
-            let pairs = upside_down(&self.network, &of_many, &estimate.corrections);
-            if !pairs.is_empty() {
-                return Ok(Round::UpsideDown(pairs));
-            }
         }
         let contradicts = if epipolar_tolerance_px > NARROW_TOLERANCE_PX {
             self.worst_view(&triangulated, &self.observation_counts(&estimate.tracks))

@@ -36,16 +36,6 @@ impl Adjuster<'_> {
         (share(&worst) < MIN_KEPT_RATIO * usual).then(|| (self.views[worst].view.name.clone(), reason()))
     }
 
-    /// The views of pairs that see the relief upside down. Reference views are never named.
-    pub(super) fn views_upside_down(&self, pairs: &[(usize, usize)]) -> Vec<LeftOut> {
-        let mut views: Vec<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).collect();
-        views.sort_unstable();
-        views.dedup();
-        views.retain(|v| !self.network.is_fixed[*v]);
-        let reason = "it sees the relief upside down: are RPCs exchanged?";
-        views.into_iter().map(|v| (self.views[v].view.name.clone(), reason.to_owned())).collect()
-    }
-
     /// The view with the fewest tie points, if these are too few to determine its correction and far fewer than those of
     /// most views. Reference views and views of ground control are never named.
     pub(super) fn weakest_view(&self, tracks: &[Track]) -> Option<LeftOut> {

@@ -63,7 +63,9 @@ impl Given {
         let is_typed =
             |id: &clap::Id| matches.value_source(id.as_str()) == Some(clap::parser::ValueSource::CommandLine);
         let typed = command.flat_map(clap::Command::get_arguments).filter(|option| is_typed(option.get_id()));
-        Self(typed.filter_map(|option| Some(option.get_long()?.to_owned())).collect())
+        // That of `satgs predict` is the file of a network, that of other commands how RPCs are corrected.
+        let is_listed = |option: &&str| (name, *option) != ("predict", "model");
+        Self(typed.filter_map(clap::Arg::get_long).filter(is_listed).map(str::to_owned).collect())
     }
 
     /// An error if one of the options is of the other kind of scenes than the one at `scene`.

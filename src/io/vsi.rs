@@ -212,8 +212,8 @@ pub fn list(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(shown.map(|name| folder.join(name)).collect())
 }
 
-/// The files in the folder of `file`. Of a virtual folder that cannot be listed, or that the user asks GDAL not to list
-/// (`GDAL_DISABLE_READDIR_ON_OPEN`), these are `file` and those that exist among some `likely` names.
+/// The files in the folder of `file`. Of a virtual folder that cannot be listed, as that of a signed URL, or that the user asks
+/// GDAL not to list (`GDAL_DISABLE_READDIR_ON_OPEN`), these are `file` and those that exist among some `likely` names.
 ///
 /// # Errors
 /// As [`list`], for a local folder.
@@ -222,13 +222,12 @@ pub fn files_beside(file: &Path, likely: &[String]) -> Result<Vec<PathBuf>> {
     if !is_virtual(file) {
         return list(folder);
     }
-    let own_name = split_query(file).0.file_name();
     if !super::gdal_setup::listing_is_off()
+        && split_query(file).1.is_empty()
         && let Ok(found) = list(folder)
-        && found.iter().any(|f| f.file_name() == own_name)
+        && found.iter().any(|f| f == file)
     {
-        let names = found.iter().filter_map(|f| f.file_name()?.to_str());
-        return Ok(names.map(|name| with_name(file, name)).collect());
+        return Ok(found);
     }
     let candidates = likely.par_iter().map(|name| with_name(file, name));
     let mut found: Vec<PathBuf> = candidates.filter(|path| VsiFile::open(path).is_ok()).collect();

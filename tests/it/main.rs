@@ -5,6 +5,8 @@
 
 // Helpers of tests are tests, and skipped tests say so on standard output.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
+// Examples that show the same town are modules of `examples`, each with its own copy of it.
+#![allow(clippy::duplicate_mod)]
 
 mod common;
 

@@ -251,7 +251,7 @@ pub fn read(file: &Path) -> Result<RpcFile, FormatError> {
 /// # Errors
 /// As [`read`].
 pub fn parse(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
-    let content = content.trim_start();
+    let content = content.trim_start_matches('\u{feff}').trim_start();
     match content.as_bytes().first() {
         Some(b'{') => json::from_json(file, content),
         Some(b'<') => vendor_xml::from_xml(file, content),
