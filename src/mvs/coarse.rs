@@ -7,14 +7,16 @@
 
 use super::candidates::Candidates;
 use super::correlation::CostVolume;
-use super::ground::Ground;
 use super::image::MatchImage;
 use super::plane_ranges::PlaneRanges;
 use super::plane_sweep::{PlaneStack, PlaneSweep};
 use super::semiglobal::{self, P2, Penalties};
 use crate::affine::SiteScene;
+use crate::frame::{Point, Site};
 use crate::io::{Grid2, MapGrid};
+use crate::stats::quantile;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Factor by which the images are reduced, and by which coarse cells are larger than fine ones: a tower eight pixels wide
 /// still covers some cells.
@@ -32,8 +34,13 @@ const P2_COARSE: u16 = 80;
 /// agree by chance.
 const BETTER_BY: u8 = 20;
 const MOST_COST: u8 = 178;
-/// Cost from which views agree by chance at most.
-const NO_AGREEMENT: u8 = 245;
+/// Cost from which the altitude of semi-global matching is no evidence: where the views agree less, the planes of the tie points are
+/// tested instead.
+const WEAK_COST: u8 = 150;
+/// Quantiles of the altitudes of the tie points, and the height above them, between which most surfaces lie: searched where the
+/// views hardly agree, because there is little texture at the low resolution.
+const USUAL: (f64, f64) = (0.005, 0.995);
+const USUAL_ABOVE_M: f64 = 8.0;
 /// Such an altitude must be found in so many of the nine cells around, up to one plane higher or lower.
 const LEAST_SUPPORT: usize = 4;
 
@@ -43,7 +50,7 @@ pub(super) fn candidates(
     setup: &SiteScene,
     images: &[MatchImage],
     pairs: &[(usize, usize)],
-    ground: &Ground,
+    sparse: &[Point<Site>],
     (cell_m, pixel_m): (f64, f64),
 ) -> Candidates {
     let searched = setup.searched;
@@ -73,22 +80,35 @@ pub(super) fn candidates(
     let sweep = PlaneSweep::of_parts(setup.site, grid, images, pairs.to_vec(), stack, ranges);
     let costs = CostVolume::correlate(&sweep, None);
     let mut out = Candidates::none(setup, grid, (step_m, planes));
-    let plane_of_ground = |cell: usize| {
-        let p = setup.site.site_from_utm(grid.cell_center(cell % size.0, cell / size.0));
-        let above = ((ground.altitude(p.x(), p.y()) - searched.0) / step_m).round().max(0.0);
-        (above as usize).min(planes - 1)
+    let plane =
+        |altitude: f64| (((altitude - searched.0) / step_m).round().max(0.0) as usize).min(planes - 1);
+    let bound = |share: f64| quantile(sparse.iter().map(|p| p.z()).collect(), share);
+    let usual = match (bound(USUAL.0), bound(USUAL.1)) {
+        (Some(low), Some(high)) => plane(low)..plane(high + USUAL_ABOVE_M) + 1,
+        _ => 0..planes,
     };
-    mark(&mut out, &costs.costs, (size, planes), plane_of_ground);
+    mark(&mut out, &costs.costs, (size, planes), &usual);
     out
 }
 
-/// Marks the candidates of all cells of a coarse grid by the costs of its planes. Where views agree on no altitude, because
-/// there is no texture, that is the plane of the ground.
+/// The planes at which the surface may lie in a cell.
+#[derive(Default)]
+struct CellPlanes {
+    /// That of semi-global matching.
+    best: Option<usize>,
+    /// Those at which the views agree better.
+    better: Vec<usize>,
+    /// Those of the tie points, where the views hardly agree.
+    usual: Range<usize>,
+}
+
+/// Marks the candidates of all cells of a coarse grid by the costs of its planes. Where the views hardly agree on an altitude, these
+/// include the `usual` planes.
 fn mark(
     candidates: &mut Candidates,
     costs: &[u8],
     (size, planes): ((usize, usize), usize),
-    plane_of_ground: impl Fn(usize) -> usize + Sync,
+    usual: &Range<usize>,
 ) {
     let penalties = Penalties { p1: P1, p2: P2::Constant(P2_COARSE) };
     let sums = semiglobal::aggregate(costs, &PlaneRanges::uniform(size, planes), penalties);
@@ -96,27 +116,26 @@ fn mark(
     let of_cell = |cell: usize| {
         let own = cell * planes..(cell + 1) * planes;
         if costs[own.clone()].iter().all(|c| *c == CostVolume::UNSEEN) {
-            return (None, Vec::new());
+            return CellPlanes::default();
         }
         let (sums, smooth) = (&sums[own.clone()], &smooth[own]);
-        let best = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-        if smooth[best] >= NO_AGREEMENT {
-            return (Some(plane_of_ground(cell)), Vec::new());
-        }
-        let limit = smooth[best].saturating_sub(BETTER_BY).min(MOST_COST);
+        let best = (0..planes).min_by_key(|k| sums[*k]).filter(|k| smooth[*k] <= WEAK_COST);
+        let usual = if best.is_none() { usual.clone() } else { 0..0 };
+        let reference = best.or_else(|| usual.clone().min_by_key(|k| smooth[*k]));
+        let limit = reference.map_or(MOST_COST, |k| smooth[k].saturating_sub(BETTER_BY).min(MOST_COST));
         let at = |k: usize| smooth.get(k).copied().unwrap_or(CostVolume::UNSEEN);
         let is_least = |k: usize| at(k) <= at(k + 1) && (k == 0 || at(k) < at(k - 1));
         let better = (0..planes).filter(|k| at(*k) <= limit && is_least(*k)).collect();
-        (Some(best), better)
+        CellPlanes { best, better, usual }
     };
-    let found: Vec<(Option<usize>, Vec<usize>)> = (0..size.0 * size.1).into_par_iter().map(of_cell).collect();
+    let found: Vec<CellPlanes> = (0..size.0 * size.1).into_par_iter().map(of_cell).collect();
     candidates.bits_mut().enumerate().for_each(|(cell, bits)| {
         let mut set = |k: usize| bits[k / 64] |= 1 << (k % 64);
-        let (best, better) = &found[cell];
-        best.iter().for_each(|k| set(*k));
+        let CellPlanes { best, better, usual } = &found[cell];
+        best.iter().copied().chain(usual.clone()).for_each(&mut set);
         let around = neighbourhood(cell, size);
         let supports = |k: usize, cell: usize| {
-            let (best, better) = &found[cell];
+            let CellPlanes { best, better, .. } = &found[cell];
             best.iter().chain(better).any(|other| other.abs_diff(k) <= 1)
         };
         for k in better {
