@@ -1,6 +1,5 @@
 //! The heights between which a surface is searched, and what says so.
 
-use super::Scene;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -90,39 +89,6 @@ impl fmt::Display for SearchedHeights {
                  metadata state a wider range"
             ),
         }
-    }
-}
-
-impl Scene {
-    /// The heights to search: those of an option or an elevation model; else the union of the ranges in the metadata of the
-    /// views; else the intersection of the ranges of their RPCs.
-    #[must_use]
-    pub fn heights(&self) -> SearchedHeights {
-        if let Some(stated) = self.heights {
-            return stated;
-        }
-        let of_metadata = self.views.iter().filter_map(|v| v.height_range);
-        if let Some((low_m, high_m)) = of_metadata.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) {
-            return SearchedHeights { low_m, high_m, source: HeightSource::Metadata };
-        }
-        let of_rpcs = self.views.iter().map(|v| v.rpc.height_range());
-        let everything = (f64::NEG_INFINITY, f64::INFINITY);
-        let (low_m, high_m) = of_rpcs.fold(everything, |a, b| (a.0.max(b.0), a.1.min(b.1)));
-        SearchedHeights { low_m, high_m, source: HeightSource::Rpcs }
-    }
-
-    /// [`SearchedHeights::with_tie_points`] of [`Scene::heights`], with the heights of the tie points.
-    #[must_use]
-    pub fn heights_with(&self, tie_points: impl Iterator<Item = f64>) -> SearchedHeights {
-        let bounds = tie_points.map(|h| (h, h)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-        let heights = self.heights();
-        bounds.map_or(heights, |bounds| heights.with_tie_points(bounds))
-    }
-
-    /// Lowest and highest of [`Scene::heights`], metres.
-    #[must_use]
-    pub fn height_range(&self) -> (f64, f64) {
-        self.heights().range()
     }
 }
 

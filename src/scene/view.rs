@@ -1,7 +1,7 @@
 //! A scene and its views: names, files and geometry. Pixels are read when they are needed.
 
 use super::files::file_name;
-use super::{Aoi, SearchedHeights, TransferFunction};
+use super::{Aoi, HeightSource, SearchedHeights, TransferFunction};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, wrap_longitude_deg};
 use crate::io::Window;
 use crate::rpc::Rpc;
@@ -114,6 +114,37 @@ pub fn angle_between_deg(a: (f64, f64), b: (f64, f64)) -> f64 {
 }
 
 impl Scene {
+    /// The heights to search: those of an option or an elevation model; else the union of the ranges in the metadata of the
+    /// views; else the intersection of the ranges of their RPCs.
+    #[must_use]
+    pub fn heights(&self) -> SearchedHeights {
+        if let Some(stated) = self.heights {
+            return stated;
+        }
+        let of_metadata = self.views.iter().filter_map(|v| v.height_range);
+        if let Some((low_m, high_m)) = of_metadata.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) {
+            return SearchedHeights { low_m, high_m, source: HeightSource::Metadata };
+        }
+        let of_rpcs = self.views.iter().map(|v| v.rpc.height_range());
+        let everything = (f64::NEG_INFINITY, f64::INFINITY);
+        let (low_m, high_m) = of_rpcs.fold(everything, |a, b| (a.0.max(b.0), a.1.min(b.1)));
+        SearchedHeights { low_m, high_m, source: HeightSource::Rpcs }
+    }
+
+    /// [`SearchedHeights::with_tie_points`] of [`Scene::heights`], with the heights of the tie points.
+    #[must_use]
+    pub fn heights_with(&self, tie_points: impl Iterator<Item = f64>) -> SearchedHeights {
+        let bounds = tie_points.map(|h| (h, h)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let heights = self.heights();
+        bounds.map_or(heights, |bounds| heights.with_tie_points(bounds))
+    }
+
+    /// Lowest and highest of [`Scene::heights`], metres.
+    #[must_use]
+    pub fn height_range(&self) -> (f64, f64) {
+        self.heights().range()
+    }
+
     /// Views that may be trained on.
     pub fn training(&self) -> impl Iterator<Item = &View> {
         self.views.iter().filter(|v| v.role == Role::Train)

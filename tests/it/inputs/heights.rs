@@ -72,7 +72,7 @@ fn a_range_of_rpcs_that_is_too_wide_to_match_is_named_with_its_remedy() {
     let out = tempfile::tempdir().unwrap();
     let (scene, run) = (folder.join("scene"), out.path().join("run"));
     let ba = ["ba", scene.to_str().unwrap(), "-o", run.to_str().unwrap()];
-    refused(&ba, 2, &["-9000 to 9000 m", "very wide", "--height-range"]);
+    refused(&ba, 2, &["-9000 to 9000 m", "narrower --height-range"]);
     succeeds(&[&ba[..], &["--height-range", "100,220"]].concat());
     let info = succeeds(&["info", scene.to_str().unwrap()]);
     let said = String::from_utf8_lossy(&info.stdout).into_owned() + &text(&info);

@@ -31,7 +31,6 @@ pub const FOLDERS: &[&str] = &[
     "two_views",
     "upsampled-without-rpc",
     "vrt-sidecar",
-    "wide_height_range",
 ];
 
 /// A file or folder of an input as text.
@@ -98,19 +97,6 @@ fn one_view_that_matches_no_other_is_left_out() {
     let output = satgs(&["ba", &path(&input, "scene"), "-o", run.path().to_str().unwrap(), "-q"]);
     assert_eq!(output.status.code(), Some(3), "{}", text(&output));
     assert!(text(&output).contains("adjusted without `VIEW_02`"), "{}", text(&output));
-}
-
-#[test]
-fn a_range_of_heights_that_is_too_wide_is_named_as_such() {
-    let Some(input) = input("wide_height_range") else { return };
-    let run = tempfile::tempdir().unwrap();
-    let ba = ["ba", &path(&input, "scene"), "-o", run.path().to_str().unwrap(), "-q"];
-    let output = satgs(&ba);
-    if !output.status.success() {
-        let said = text(&output);
-        assert!(said.contains("-9000 to 9000 m") && said.contains("narrower --height-range"), "{said}");
-    }
-    succeeds(&[&ba[..], &["--overwrite", "--height-range", "100,220"]].concat());
 }
 
 #[test]
