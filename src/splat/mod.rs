@@ -9,6 +9,8 @@ pub mod anchored;
 pub mod appearance;
 pub mod backend;
 pub mod densify;
+#[cfg(test)]
+mod differences;
 pub mod edit;
 pub mod growth;
 pub mod harmonics;

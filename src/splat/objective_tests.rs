@@ -11,10 +11,14 @@ use crate::nn::mlp::Mlp;
 use crate::random::CounterRng;
 use crate::splat::appearance::satgs::{Cube, Networks, SatGs};
 use crate::splat::appearance::{Appearance, AppearanceKind};
+use crate::splat::differences::disagreement;
 use crate::splat::loss::Prior;
 use crate::splat::loss::{TermInputs, column_names, terms};
 use crate::splat::splats::GROUPS;
 use std::sync::Arc;
+
+/// Largest difference between derivatives and difference quotients, relative to the largest derivative of a group.
+const TOLERANCE: f64 = 1e-6;
 
 fn splats(n: usize, seed: u64) -> Splats<f64> {
     let mut d = CounterRng::new(seed, 0, 0, 0);
@@ -147,19 +151,16 @@ fn appearance() -> Appearance<f64> {
     a
 }
 
-/// Largest difference between a derivative and its difference quotient, relative to `largest`. Where the quotients of two
-/// step sizes differ there is a kink or a cut-off; these parameters are left out, and may be one in ten at most.
+/// Largest difference between a derivative and its difference quotient, relative to `largest`. Parameters at kinks are left out,
+/// and may be one in ten at most.
 fn worst<F: FnMut(usize, f64) -> f64>(analytic: &[f64], largest: f64, mut at: F) -> f64 {
     let mut worst: f64 = 0.0;
     let mut left_out = 0;
     for (k, exact) in analytic.iter().enumerate() {
-        let mut quotient = |e: f64| (at(k, e) - at(k, -e)) / (2.0 * e);
-        let (q, q2) = (quotient(1e-6), quotient(2e-6));
-        if (q - q2).abs() > 1e-6 * largest {
-            left_out += 1;
-            continue;
+        match disagreement(*exact, largest, TOLERANCE, |e| at(k, e)) {
+            Some(off) => worst = worst.max(off),
+            None => left_out += 1,
         }
-        worst = worst.max((q - exact).abs() / largest);
     }
     assert!(left_out * 10 <= analytic.len(), "{left_out} of {} at kinks", analytic.len());
     worst
@@ -229,7 +230,7 @@ fn gradients_by_satgs_s_networks_and_embedding_agree_with_central_differences_in
             scene.shared[range.start + k] += e;
             scene.evaluate(&g, &a).0.total
         });
-        assert!(w < 1e-6, "{range:?}: {w:e}");
+        assert!(w < TOLERANCE, "{range:?}: {w:e}");
     }
     scene.shared = shared;
     let w = worst(&gradient.appearance, largest(&gradient.appearance), |k, e| {
@@ -237,7 +238,7 @@ fn gradients_by_satgs_s_networks_and_embedding_agree_with_central_differences_in
         moved.values[k] += e;
         scene.evaluate(&g, &moved).0.total
     });
-    assert!(w < 1e-6, "embedding: {w:e}");
+    assert!(w < TOLERANCE, "embedding: {w:e}");
 }
 
 /// The inputs of the networks count as constants, so that the weights of those that follow from the splats are zero, and the term
@@ -262,7 +263,7 @@ fn gradients_by_splats_agree_with_central_differences_in_f64_with_satgs_s_colour
             moved.groups_mut()[group][k] += e;
             scene.evaluate(&moved, &a).0.total
         });
-        assert!(w < 1e-6, "group {group}: {w:e}");
+        assert!(w < TOLERANCE, "group {group}: {w:e}");
     }
 }
 
@@ -300,14 +301,14 @@ fn check_gradients(mut scene: Scene<f64>, g: &Splats<f64>) {
             moved.groups_mut()[group][k] += e;
             scene.evaluate(&moved, &a).0.total
         });
-        assert!(w < 1e-6, "group {group}: {w:e}");
+        assert!(w < TOLERANCE, "group {group}: {w:e}");
     }
     let w = worst(&gradient.appearance, largest(&gradient.appearance), |k, e| {
         let mut moved = a.clone();
         moved.values[k] += e;
         scene.evaluate(g, &moved).0.total
     });
-    assert!(w < 1e-6, "appearance: {w:e}");
+    assert!(w < TOLERANCE, "appearance: {w:e}");
 }
 
 #[test]

@@ -11,10 +11,10 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// Number of kills in the short and in the long test.
-const FEW_KILLS: u64 = 4;
+const FEW_KILLS: u64 = 2;
 const MANY_KILLS: u64 = 20;
 /// Iterations of a training that lasts a second.
-const FEW_ITERATIONS: &str = "60";
+const FEW_ITERATIONS: &str = "30";
 /// Products of a tiled run.
 const PRODUCTS: [&str; 3] = ["dsm.tif", "ortho.tif", "confidence.tif"];
 

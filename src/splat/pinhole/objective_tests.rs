@@ -5,9 +5,13 @@ use super::*;
 use crate::io::Grid2;
 use crate::prior::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
 use crate::random::CounterRng;
+use crate::splat::differences::disagreement;
 use crate::splat::loss::{TermInputs, terms};
 use crate::splat::splats::{GROUP_INFO, GROUPS};
 use glam::{DMat3, DVec2, DVec3};
+
+/// Largest difference between derivatives and difference quotients, relative to the largest derivative of a group.
+const TOLERANCE: f64 = 2e-6;
 
 fn camera() -> PinholeCamera {
     let cam_from_site = DMat3::from_rotation_x(2.7) * DMat3::from_rotation_z(0.4);
@@ -84,20 +88,16 @@ fn compare_with_differences(
         assert!(largest > 0.0, "{name}");
         let (mut asked, mut compared) = (0, 0);
         for k in (0..values.len()).step_by(if name == "f_rest" { 13 } else { 1 }) {
-            let mut quotient = |e: f64| {
-                let (mut a, mut b) = (splats.clone(), splats.clone());
-                a.groups_mut()[group][k] += e;
-                b.groups_mut()[group][k] -= e;
-                (loss(&a) - loss(&b)) / (2.0 * e)
+            let value = |e: f64| {
+                let mut moved = splats.clone();
+                moved.groups_mut()[group][k] += e;
+                loss(&moved)
             };
-            let (q, q2) = (quotient(1e-6), quotient(2e-6));
             asked += 1;
             // The loss jumps where a splat's alpha crosses the cut-off, and bends where colours are equal.
-            if (q - q2).abs() > 1e-6 * largest {
-                continue;
-            }
+            let Some(off) = disagreement(values[k], largest, TOLERANCE, value) else { continue };
             compared += 1;
-            assert!((q - values[k]).abs() < 2e-6 * largest, "{name} {k}: {} {q}", values[k]);
+            assert!(off < TOLERANCE, "{name} {k}: {} is {off} off", values[k]);
         }
         assert!(compared * 10 > asked * 7, "{name}: {compared} of {asked}");
     }
@@ -108,15 +108,6 @@ fn gradients_of_the_whole_loss_agree_with_central_differences() {
     let weights = LossWeights::of(&[("opacity", 0.05), ("opacity_sum", 0.003)]).unwrap();
     let objective = objective(PrimitiveKind::Ellipsoid, terms(TermInputs::default()));
     compare_with_differences(objective, &scene(40), &weights, None);
-}
-
-#[test]
-fn gradients_of_discs_with_distortion_agree_with_central_differences() {
-    let mut splats = scene(40);
-    splats.flatten();
-    let weights = LossWeights::of(&[("depth_distortion", 500.0)]).unwrap();
-    let objective = objective(PrimitiveKind::Disc, terms(TermInputs::default()));
-    compare_with_differences(objective, &splats, &weights, None);
 }
 
 /// Random priors of the tests' camera, with a tenth of the pixels unknown.
@@ -144,28 +135,18 @@ fn compare_with_priors(kind: DepthKind, weights: &[(&str, f64)]) {
 }
 
 #[test]
-fn gradients_of_discs_with_a_depth_prior_agree_with_central_differences() {
-    compare_with_priors(DepthKind::Relative, &[("depth_prior", 3.0)]);
+fn gradients_of_discs_with_priors_of_depths_and_normals_agree_with_central_differences() {
+    compare_with_priors(DepthKind::Relative, &[("depth_prior", 3.0), ("normal_prior", 3.0)]);
 }
 
 #[test]
-fn gradients_of_discs_with_a_prior_of_disparity_agree_with_central_differences() {
-    compare_with_priors(DepthKind::Disparity, &[("depth_prior", 3.0)]);
+fn gradients_of_smooth_discs_with_a_prior_of_disparity_agree_with_central_differences() {
+    compare_with_priors(DepthKind::Disparity, &[("depth_prior", 3.0), ("depth_smoothness", 2.0)]);
 }
 
 #[test]
-fn gradients_of_discs_with_measured_depths_agree_with_central_differences() {
-    compare_with_priors(DepthKind::Measured, &[("depth_prior", 3.0)]);
-}
-
-#[test]
-fn gradients_of_discs_with_smooth_depths_agree_with_central_differences() {
-    compare_with_priors(DepthKind::Metric, &[("depth_smoothness", 2.0)]);
-}
-
-#[test]
-fn gradients_of_discs_with_a_normal_prior_agree_with_central_differences() {
-    compare_with_priors(DepthKind::Metric, &[("normal_prior", 3.0)]);
+fn gradients_of_discs_with_measured_depths_and_distortion_agree_with_central_differences() {
+    compare_with_priors(DepthKind::Measured, &[("depth_prior", 3.0), ("depth_distortion", 500.0)]);
 }
 
 #[test]
