@@ -10,6 +10,8 @@ use crate::stats::quantile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+/// Quantiles of the heights of the sparse points between which, with margins, splats may lie as long as no surface is known.
+const SPARSE_QUANTILES: (f64, f64) = (0.005, 0.995);
 /// Depth below and height above the surface and the sparse points in which splats may lie, metres.
 const MARGIN_BELOW_M: f64 = 5.0;
 const MARGIN_ABOVE_M: f64 = 15.0;
@@ -142,7 +144,8 @@ impl SiteScene {
         let median = quantile(heights.clone(), 0.5).ok_or_else(too_few)?;
         let found = height_bounds(&heights).ok_or_else(too_few)?;
         let searched = scene.heights().with_tie_points(found).range();
-        let (low, high) = with_margins(found, searched);
+        let usual = (quantile(heights.clone(), SPARSE_QUANTILES.0), quantile(heights, SPARSE_QUANTILES.1));
+        let (low, high) = with_margins(usual.0.zip(usual.1).ok_or_else(too_few)?, searched);
 
         let provisional =
             SiteGrid::at(scene.center().ok_or(SiteSceneError::NoCommonGround)?.at_height(median))?;

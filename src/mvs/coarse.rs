@@ -7,11 +7,12 @@
 
 use super::candidates::Candidates;
 use super::correlation::CostVolume;
+use super::ground::Ground;
 use super::image::MatchImage;
 use super::plane_ranges::PlaneRanges;
 use super::plane_sweep::{PlaneStack, PlaneSweep};
 use super::semiglobal::{self, P2, Penalties};
-use crate::affine::SiteScene;
+use crate::affine::{MIN_POINTS, SiteScene};
 use crate::frame::{Point, Site};
 use crate::io::{Grid2, MapGrid};
 use crate::stats::quantile;
@@ -37,10 +38,10 @@ const MOST_COST: u8 = 178;
 /// Cost from which the altitude of semi-global matching is no evidence: where the views agree less, the planes of the tie points are
 /// tested instead.
 const WEAK_COST: u8 = 150;
-/// Quantiles of the altitudes of the tie points, and the height above them, between which most surfaces lie: searched where the
-/// views hardly agree, because there is little texture at the low resolution.
+/// Quantiles of the heights of the tie points above the ground, and the height above them, between which most surfaces lie: searched
+/// where the views hardly agree, because there is little texture at the low resolution.
 const USUAL: (f64, f64) = (0.005, 0.995);
-const USUAL_ABOVE_M: f64 = 8.0;
+const USUAL_ABOVE_M: f64 = 7.0;
 /// Such an altitude must be found in so many of the nine cells around, up to one plane higher or lower.
 const LEAST_SUPPORT: usize = 4;
 
@@ -50,7 +51,7 @@ pub(super) fn candidates(
     setup: &SiteScene,
     images: &[MatchImage],
     pairs: &[(usize, usize)],
-    sparse: &[Point<Site>],
+    (sparse, ground): (&[Point<Site>], &Ground),
     (cell_m, pixel_m): (f64, f64),
 ) -> Candidates {
     let searched = setup.searched;
@@ -82,12 +83,17 @@ pub(super) fn candidates(
     let mut out = Candidates::none(setup, grid, (step_m, planes));
     let plane =
         |altitude: f64| (((altitude - searched.0) / step_m).round().max(0.0) as usize).min(planes - 1);
-    let bound = |share: f64| quantile(sparse.iter().map(|p| p.z()).collect(), share);
-    let usual = match (bound(USUAL.0), bound(USUAL.1)) {
-        (Some(low), Some(high)) => plane(low)..plane(high + USUAL_ABOVE_M) + 1,
-        _ => 0..planes,
+    let above: Vec<f64> = sparse.iter().map(|p| p.z() - ground.altitude(p.x(), p.y())).collect();
+    let bound = |share: f64| quantile(above.clone(), share);
+    let usual_m = bound(USUAL.0).zip(bound(USUAL.1)).filter(|_| sparse.len() >= MIN_POINTS);
+    let usual = |cell: usize| {
+        let p = setup.site.site_from_utm(grid.cell_center(cell % size.0, cell / size.0));
+        let ground = ground.altitude(p.x(), p.y());
+        let (low, high) =
+            usual_m.map_or(setup.altitudes, |(low, high)| (ground + low, ground + high + USUAL_ABOVE_M));
+        plane(low)..plane(high) + 1
     };
-    mark(&mut out, &costs.costs, (size, planes), &usual);
+    mark(&mut out, &costs.costs, (size, planes), usual);
     out
 }
 
@@ -108,7 +114,7 @@ fn mark(
     candidates: &mut Candidates,
     costs: &[u8],
     (size, planes): ((usize, usize), usize),
-    usual: &Range<usize>,
+    usual: impl Fn(usize) -> Range<usize> + Sync,
 ) {
     let penalties = Penalties { p1: P1, p2: P2::Constant(P2_COARSE) };
     let sums = semiglobal::aggregate(costs, &PlaneRanges::uniform(size, planes), penalties);
@@ -120,7 +126,7 @@ fn mark(
         }
         let (sums, smooth) = (&sums[own.clone()], &smooth[own]);
         let best = (0..planes).min_by_key(|k| sums[*k]).filter(|k| smooth[*k] <= WEAK_COST);
-        let usual = if best.is_none() { usual.clone() } else { 0..0 };
+        let usual = if best.is_none() { usual(cell) } else { 0..0 };
         let reference = best.or_else(|| usual.clone().min_by_key(|k| smooth[*k]));
         let limit = reference.map_or(MOST_COST, |k| smooth[k].saturating_sub(BETTER_BY).min(MOST_COST));
         let at = |k: usize| smooth.get(k).copied().unwrap_or(CostVolume::UNSEEN);

@@ -31,7 +31,7 @@ impl PlaneSweep {
         let ground = Ground::new(sparse, setup.area);
         let pixel_m = median_pixel_m(views);
         let mut cell = cell_m(pixel_m);
-        let candidates = candidates(setup, &images, &pairs, sparse, (cell, pixel_m));
+        let candidates = candidates(setup, &images, &pairs, (sparse, &ground), (cell, pixel_m));
         let (west, south, east, north) = setup.area;
         let [x, y, _] = setup.site.origin.xyz();
         loop {

@@ -83,7 +83,7 @@ impl<'a> Training<'a> {
     pub fn bound_altitudes(&mut self, first: Option<&MatchedSurface>) {
         match first.and_then(MatchedSurface::altitudes) {
             Some(found) => self.setup.include_surface(found),
-            None if self.heights.is_of_place() => self.setup.altitudes = self.setup.searched,
+            None if self.heights.is_stated() => self.setup.altitudes = self.setup.searched,
             None => {}
         }
     }

@@ -60,10 +60,10 @@ impl SearchedHeights {
         Self { low_m: low_m.max(near.0), high_m: high_m.min(near.1), source }
     }
 
-    /// Whether the range is that of the place, and not only that for which cameras are valid.
+    /// Whether the user states the range, by an option or an elevation model.
     #[must_use]
-    pub fn is_of_place(self) -> bool {
-        !matches!(self.source, HeightSource::Rpcs | HeightSource::TiePoints)
+    pub fn is_stated(self) -> bool {
+        matches!(self.source, HeightSource::Option | HeightSource::ElevationModel)
     }
 
     /// Lowest and highest height, metres.

@@ -104,6 +104,10 @@ fn a_small_scene_gives_the_bytes_that_it_gave_before() {
     }
     for (_, recipe, expected) in of_processor {
         let (_, (hashes, _)) = found.iter().find(|(of, _)| of == recipe).unwrap();
-        assert_eq!(hashes.each_ref().map(String::as_str), *expected, "{recipe}: tie points, splats, heights; {found:?}");
+        assert_eq!(
+            hashes.each_ref().map(String::as_str),
+            *expected,
+            "{recipe}: tie points, splats, heights; {found:?}"
+        );
     }
 }
