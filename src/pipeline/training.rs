@@ -78,8 +78,8 @@ impl<'a> Training<'a> {
         Ok(())
     }
 
-    /// Extends the altitudes of splats to the surface that training starts on. Without one, they may lie wherever an option or
-    /// metadata say that the surface is, else near the tie points.
+    /// Extends the altitudes of splats to the surface that training starts on. Without one, they may lie wherever an option or an
+    /// elevation model says that the surface is, else near the tie points.
     pub fn bound_altitudes(&mut self, first: Option<&MatchedSurface>) {
         match first.and_then(MatchedSurface::altitudes) {
             Some(found) => self.setup.include_surface(found),
