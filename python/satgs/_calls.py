@@ -274,7 +274,8 @@ def run(
         PartialError: Some tiles failed; everything else is complete.
         FailedError: A file cannot be written, or no solution was found.
     """
-    options = locals()
+    # Scores are with the confidence of the run's own surface model.
+    options = locals() | {"confidence": None}
     results = dict(_satgs.run(scene, run, options, _warn if progress is None else progress))
 
     def of(stage: str, made: Callable[[tuple[str | None, bool]], T]) -> T | None:

@@ -221,7 +221,8 @@ class Scores:
         le95_m: Absolute error that 95 % of the cells do not exceed.
         within: Fractions of the cells with an absolute error of at most 0.5, 1 and 2 m.
         completeness: Predicted cells divided by all cells.
-        filled_mae_m: Mean absolute error over all cells after holes are filled with the nearest predicted cell.
+        filled_mae_m: Mean absolute error over all cells after holes are filled with the nearest predicted cell; ``None`` for
+            the scores of cells that are filled in.
         cells: Number of cells of land.
         predicted: Number of cells of land that are predicted.
     """
@@ -235,7 +236,7 @@ class Scores:
     le95_m: float
     within: tuple[float, float, float]
     completeness: float
-    filled_mae_m: float
+    filled_mae_m: float | None
     cells: int
     predicted: int
 

@@ -131,7 +131,7 @@ def test_results_hold_all_that_the_commands_print(whole: Whole) -> None:
                 compare(typing.get_args(kind)[0], item, place)
 
     options: dict[str, object] = dict.fromkeys(inspect.signature(satgs.run).parameters)
-    options |= {"iterations": 60, "truth": TRUTH}
+    options |= {"iterations": 60, "truth": TRUTH, "confidence": None}
     printed = {name: text for name, (text, _) in _satgs.run(TOWN, run, options, lambda _: None)}
     kinds: dict[str, Any] = {"ba": results.Adjusted, "train": results.Trained, "dsm": results.DsmSummary, "dsm-eval": results.Evaluation}
     for name, kind in kinds.items():

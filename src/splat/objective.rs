@@ -67,7 +67,7 @@ impl<T: Real> StepInput<'_, T> {
 pub struct Losses {
     /// The weighted sum of all terms.
     pub total: f64,
-    /// The unweighted columns of the terms, named by [`column_names`](crate::splat::loss::column_names).
+    /// The unweighted columns of the terms, named by [`column_names`].
     pub columns: [f64; COLUMNS],
 }
 

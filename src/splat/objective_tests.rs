@@ -11,14 +11,11 @@ use crate::nn::mlp::Mlp;
 use crate::random::CounterRng;
 use crate::splat::appearance::satgs::{Cube, Networks, SatGs};
 use crate::splat::appearance::{Appearance, AppearanceKind};
-use crate::splat::differences::disagreement;
+use crate::splat::differences::{TOLERANCE, disagreement};
 use crate::splat::loss::Prior;
 use crate::splat::loss::{TermInputs, column_names, terms};
 use crate::splat::splats::GROUPS;
 use std::sync::Arc;
-
-/// Largest difference between derivatives and difference quotients, relative to the largest derivative of a group.
-const TOLERANCE: f64 = 1e-6;
 
 fn splats(n: usize, seed: u64) -> Splats<f64> {
     let mut d = CounterRng::new(seed, 0, 0, 0);
