@@ -58,6 +58,8 @@ pub(super) struct CostVolume<'a> {
 impl<'a> CostVolume<'a> {
     /// Cost where no pair of views sees the cell.
     pub const UNSEEN: u8 = 255;
+    /// Cost of no correlation.
+    const UNCORRELATED: u8 = 254;
 
     /// Correlates all pairs of views. With the visibility from an earlier pass, similar cells of a window
     /// weigh more, and views from which a cell is occluded are left out.
@@ -80,6 +82,11 @@ impl<'a> CostVolume<'a> {
             }
         });
         Self { ranges, costs }
+    }
+
+    /// Takes the correlation from the planes of cells where the surface cannot lie.
+    pub fn limit(&mut self, is_possible: impl Fn(usize, usize) -> bool + Sync) {
+        self.ranges.limit(&mut self.costs, Self::UNCORRELATED, is_possible);
     }
 
     /// Adds the cost of the distance to the nearer of two priors: the trained surface `trained` and the

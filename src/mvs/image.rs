@@ -1,7 +1,7 @@
 //! A view as it is matched: its gray values and its camera.
 
 use crate::affine::{TrainingView, ViewCamera};
-use crate::frame::{Point, Site};
+use crate::frame::{Pixel, Point, Site};
 use crate::io::{Grid2, ValidPixels, Window};
 use std::sync::Arc;
 
@@ -54,6 +54,13 @@ impl MatchImage {
             }
         });
         Self { camera: self.camera.rescaled((factor as f64).recip()), gray, valid: None, ..*self }
+    }
+
+    /// East, north and altitude, site metres, of what a pixel shows that lies at an altitude.
+    pub fn point(&self, pixel: usize, altitude: f32) -> [f64; 3] {
+        let px = Pixel::new((pixel % self.gray.width) as f64, (pixel / self.gray.width) as f64);
+        let [x, y] = self.camera.localize(px, f64::from(altitude));
+        [x, y, f64::from(altitude)]
     }
 
     /// Gray value at the projection of a point, bilinear, in standard deviations above the mean of the image;

@@ -44,16 +44,30 @@ impl PlaneSweep {
             return stereo::match_views(self, progress);
         }
         progress.event(Event::Started { stage: "matching the surface", total: PASSES });
-        let mut surface = self.optimized(&CostVolume::correlate(self, None), P2_MATCHING);
+        let mut surface = self.optimized(&self.near_candidates(None), P2_MATCHING);
         for pass in 1..PASSES {
             progress.event(Event::Advanced { done: pass, status: String::new() });
             progress.check()?;
             let visibility = Visibility::new(self, &surface.altitude, &surface.confident());
-            surface = self.optimized(&CostVolume::correlate(self, Some(&visibility)), P2_MATCHING);
+            surface = self.optimized(&self.near_candidates(Some(&visibility)), P2_MATCHING);
         }
         surface.prior_weight = self.prior_weight(&surface);
         progress.event(Event::Finished);
         Ok(surface)
+    }
+
+    /// The cost volume, without correlation where the surface cannot lie. The planes of a block are those of all its cells.
+    fn near_candidates(&self, visibility: Option<&Visibility>) -> CostVolume<'_> {
+        let mut volume = CostVolume::correlate(self, visibility);
+        if let Some(candidates) = &self.candidates {
+            volume.limit(|cell, plane| {
+                let p = self
+                    .site
+                    .site_from_utm(self.grid.cell_center(cell % self.grid.width, cell / self.grid.width));
+                candidates.is_near([p.x(), p.y(), f64::from(self.stack.altitude(cell, plane as f32))])
+            });
+        }
+        volume
     }
 
     /// Whether so many views are enough for [`PlaneSweep::refine`] to improve the surface after training.

@@ -61,6 +61,15 @@ impl AltitudeMap {
         Self { altitude: raster(altitude), score: raster(score) }
     }
 
+    /// Forgets the altitudes of pixels at which the surface cannot lie.
+    pub fn keep(&mut self, is_possible: impl Fn(usize, f32) -> bool + Sync) {
+        let pixels = self.altitude.data.par_iter_mut().zip(&mut self.score.data).enumerate();
+        let known = pixels.filter(|(_, (altitude, _))| !altitude.is_nan());
+        known
+            .filter(|(pixel, (altitude, _))| !is_possible(*pixel, **altitude))
+            .for_each(|(_, (altitude, score))| (*altitude, *score) = (f32::NAN, 0.0));
+    }
+
     /// Copies the rows `rows` of this map from `strip`, whose first row is row `from` of this map.
     pub fn copy_rows(&mut self, rows: Range<usize>, strip: &Self, from: usize) {
         let width = self.altitude.width;

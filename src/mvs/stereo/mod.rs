@@ -79,7 +79,11 @@ fn altitude_map(sweep: &PlaneSweep, reference: &ReferenceView, most: f64) -> Alt
         let strip = image.cropped(Window { col: 0, row: matched.start, width, height: matched.len() });
         let rays = Rays::new(sweep, &strip, &sources, (all.low_m, step_m), &ranges);
         let costs = RayCosts::new(&strip, &sources, &rays, &ranges);
-        map.copy_rows(own, &AltitudeMap::optimized(&strip, &rays, &costs), matched.start);
+        let mut found = AltitudeMap::optimized(&strip, &rays, &costs);
+        if let Some(candidates) = &sweep.candidates {
+            found.keep(|pixel, altitude| candidates.is_near(strip.point(pixel, altitude)));
+        }
+        map.copy_rows(own, &found, matched.start);
     }
     map
 }
