@@ -84,9 +84,16 @@ impl<'a> CostVolume<'a> {
         Self { ranges, costs }
     }
 
-    /// Takes the correlation from the planes of cells where the surface cannot lie.
-    pub fn limit(&mut self, is_possible: impl Fn(usize, usize) -> bool + Sync) {
-        self.ranges.limit(&mut self.costs, Self::UNCORRELATED, is_possible);
+    /// Raises the costs of the cells and planes for which this holds.
+    pub fn raise(&mut self, by: u8, is_raised: impl Fn(usize, usize) -> bool + Sync) {
+        let ranges = self.ranges;
+        let lengths = (0..ranges.cells()).map(|cell| ranges.planes(cell).len());
+        PlaneRanges::split(&mut self.costs, lengths).into_par_iter().enumerate().for_each(|(cell, costs)| {
+            let seen = ranges.planes(cell).zip(costs).filter(|(_, cost)| **cost != Self::UNSEEN);
+            for (_, cost) in seen.filter(|(plane, _)| is_raised(cell, *plane)) {
+                *cost = cost.saturating_add(by).min(Self::UNCORRELATED);
+            }
+        });
     }
 
     /// Adds the cost of the distance to the nearer of two priors: the trained surface `trained` and the

@@ -33,6 +33,8 @@ const P1: u16 = 30;
 const P2_MATCHING: u16 = 200;
 /// The same with a prior. The prior keeps surfaces connected, and a lower penalty preserves trees.
 const P2_REFINEMENT: u16 = 60;
+/// Cost of altitudes that the coarse search did not find near a cell, in the same unit.
+const FAR_COST: u8 = 40;
 
 impl PlaneSweep {
     /// Matches the views.
@@ -56,15 +58,15 @@ impl PlaneSweep {
         Ok(surface)
     }
 
-    /// The cost volume, without correlation where the surface cannot lie. The planes of a block are those of all its cells.
+    /// The cost volume of the first surface. The planes of a block are those near the candidates of all its cells; in cells
+    /// that are far from these, views may agree on them by chance.
     fn near_candidates(&self, visibility: Option<&Visibility>) -> CostVolume<'_> {
         let mut volume = CostVolume::correlate(self, visibility);
         if let Some(candidates) = &self.candidates {
-            volume.limit(|cell, plane| {
-                let p = self
-                    .site
-                    .site_from_utm(self.grid.cell_center(cell % self.grid.width, cell / self.grid.width));
-                candidates.is_near([p.x(), p.y(), f64::from(self.stack.altitude(cell, plane as f32))])
+            volume.raise(FAR_COST, |cell, plane| {
+                let (col, row) = (cell % self.grid.width, cell / self.grid.width);
+                let p = self.site.site_from_utm(self.grid.cell_center(col, row));
+                !candidates.is_near([p.x(), p.y(), f64::from(self.stack.altitude(cell, plane as f32))])
             });
         }
         volume

@@ -2,7 +2,6 @@
 //!
 //! A volume holds the planes of one cell after those of the other, row by row (as tSGM; Rothermel et al. 2012).
 
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// The tested planes of every cell of a grid, or of every pixel of an image.
@@ -95,18 +94,8 @@ impl PlaneRanges {
         self.starts.last().copied().unwrap_or(0)
     }
 
-    /// Raises the costs of a volume to `least` for cells and planes that are not possible.
-    pub fn limit(&self, costs: &mut [u8], least: u8, is_possible: impl Fn(usize, usize) -> bool + Sync) {
-        let of_cells = Self::split(costs, (0..self.cells()).map(|cell| self.planes(cell).len()));
-        of_cells.into_par_iter().enumerate().for_each(|(cell, costs)| {
-            for (_, cost) in self.planes(cell).zip(costs).filter(|(plane, _)| !is_possible(cell, *plane)) {
-                *cost = (*cost).max(least);
-            }
-        });
-    }
-
     /// Cuts a volume, or a part of it, into consecutive pieces of these lengths.
-    pub fn split<'a, T>(mut volume: &'a mut [T], lengths: impl Iterator<Item = usize>) -> Vec<&'a mut [T]> {
+    pub fn split<T>(mut volume: &mut [T], lengths: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
         lengths
             .map(|length| {
                 let (piece, rest) = std::mem::take(&mut volume).split_at_mut(length);
