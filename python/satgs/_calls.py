@@ -89,6 +89,7 @@ def train(
     *,
     recipe: PathLike | None = None,
     iterations: int | None = None,
+    no_splats: bool | None = None,
     seed: int | None = None,
     checkpoint_every: int | None = None,
     resume: bool | None = None,
@@ -107,6 +108,8 @@ def train(
         run: The run folder of :func:`adjust`.
         recipe: Name of a recipe (``best``, ``baeogs``, ``eogs``, ``satgs``) or a TOML file. ``None``: ``best``.
         iterations: Number of iterations, to which the recipe's schedule is scaled. ``None``: the recipe's own.
+        no_splats: Stop at the surface that matching finds: no splats are trained. For two or three images the heights are those
+            of a run with splats; for more, training makes them better.
         seed: Seed of all random numbers; the same seed gives the same bytes. ``None``: 0.
         checkpoint_every: Number of iterations from one checkpoint to the next.
         resume: Fail unless there is a checkpoint to go on from.
@@ -227,6 +230,7 @@ def run(
     reference_views: Sequence[str] | None = None,
     recipe: PathLike | None = None,
     iterations: int | None = None,
+    no_splats: bool | None = None,
     seed: int | None = None,
     checkpoint_every: int | None = None,
     resume: bool | None = None,

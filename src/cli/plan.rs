@@ -41,7 +41,7 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "tiling")]
 pub struct Options {
-    /// Largest side of the core of a tile, metres; an area that is not larger is not cut
+    /// Largest side of the core of a tile, metres; an area whose sides are at most half as long again is not cut
     #[arg(long, default_value_t = PlanOptions::default().core_m, value_name = "M", value_parser = parse_metres)]
     pub core: f64,
     /// Width of the ground around a core that is trained as well, metres; seams are cut there

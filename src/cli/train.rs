@@ -120,6 +120,10 @@ pub struct Options {
     /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
+    /// Stop at the surface that matching finds: heights, orthophoto and confidence, no trained splats. For two or three images the
+    /// heights are those that a run with splats has; for four images and more, training makes them better
+    #[arg(long, conflicts_with_all = ["iterations", "snapshots", "resume"])]
+    no_splats: bool,
     /// Seed of all random numbers; the same seed gives the same bytes
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
@@ -170,6 +174,7 @@ impl Options {
             predict: matches!(self.start, Some(Start::Predict)),
             reference_points: self.reference_points,
             iterations: self.iterations,
+            no_splats: self.no_splats,
             seed: self.seed,
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
@@ -211,16 +216,17 @@ pub fn show(run: &Path, outcome: &Outcome<Trained>, ui: &Ui) -> Result<(), CliEr
                 c.iterations, c.seconds, c.splats, c.l1, c.ssim
             )
         });
+        let Some((l1, ssim)) = t.l1.zip(t.ssim) else {
+            return format!("no splats are trained: the surface is that of matching\n{}", cameras.trim_end());
+        };
         format!(
             "trained {} iterations in {:.0} s: {} splats at the start, {} at the end\n{cameras}\
-             rendered images: L1 {:.4}, SSIM {:.3}\n{colors}\
+             rendered images: L1 {l1:.4}, SSIM {ssim:.3}\n{colors}\
              {}",
             t.iterations,
             t.seconds,
             t.splats_start,
             t.splats,
-            t.l1,
-            t.ssim,
             run.join(SPLATS).display()
         )
     };

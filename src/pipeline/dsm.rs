@@ -188,25 +188,9 @@ pub(crate) fn dsm_locked(
         stage.require_writable()?;
     }
     products.iter().try_for_each(|product| product.check(run))?;
-    let mut surface = source.surface(run, grid)?;
-    if let Some(reach_m) = options.fill_m {
-        surface.fill(reach_m);
-    }
-    if options.no_fill {
-        surface.keep_confirmed();
-    }
-    let heights = surface.heights_above(&vertical);
-    if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
-        return Err(PipelineError::NoUndulation { name: vertical.name().into() });
-    }
+    let (surface, heights) = rendered(&source, run, grid, options, &vertical)?;
     if !is_done {
-        surface.write_dsm(&run.join(DSM), &heights)?;
-        surface.write_ortho(&run.join(ORTHO))?;
-        surface.write_confidence(&run.join(CONFIDENCE))?;
-        let shade = hillshade(&surface.height, grid.cell);
-        write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
-    }
-    if !is_done {
+        write_rasters(run, &surface, &heights)?;
         outdated::after_surface(run, progress)?;
         let asked: Vec<PathBuf> = products.iter().map(|product| product.path().into()).collect();
         let before = made.outdated().into_iter().filter(|path| !asked.contains(path));
@@ -224,6 +208,56 @@ pub(crate) fn dsm_locked(
     let summary = DsmSummary { grid, vertical: vertical.name().into(), cells: surface.counts() };
     stage.complete(&summary)?;
     Ok(Outcome::Made(summary))
+}
+
+/// Writes the rasters of a surface whose heights are known although its splats are still to be trained. The stage is complete
+/// only when it is rendered from the trained ones.
+pub(super) fn before_training(
+    run: &Path,
+    options: &DsmOptions,
+    progress: &dyn Progress,
+) -> Result<(), PipelineError> {
+    let source = SurfaceSource::read(run)?;
+    let vertical = VerticalReference::read(&vertical_name(run, options)?)?;
+    let (surface, heights) = rendered(&source, run, grid(options, &source)?, options, &vertical)?;
+    write_rasters(run, &surface, &heights)?;
+    let files = [DSM, CONFIDENCE, ORTHO].map(|name| format!("`{}`", run.join(name).display()));
+    progress.event(Event::Note(format!(
+        "{} are written; training changes the colours of the last one, and no height",
+        files.join(", ")
+    )));
+    Ok(())
+}
+
+/// The surface on a map grid, and its heights above a vertical reference.
+fn rendered(
+    source: &SurfaceSource,
+    run: &Path,
+    grid: MapGrid,
+    options: &DsmOptions,
+    vertical: &VerticalReference,
+) -> Result<(Dsm, Heights), PipelineError> {
+    let mut surface = source.surface(run, grid)?;
+    if let Some(reach_m) = options.fill_m {
+        surface.fill(reach_m);
+    }
+    if options.no_fill {
+        surface.keep_confirmed();
+    }
+    let heights = surface.heights_above(vertical);
+    if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
+        return Err(PipelineError::NoUndulation { name: vertical.name().into() });
+    }
+    Ok((surface, heights))
+}
+
+fn write_rasters(run: &Path, surface: &Dsm, heights: &Heights) -> Result<(), PipelineError> {
+    let grid = surface.grid;
+    surface.write_dsm(&run.join(DSM), heights)?;
+    surface.write_ortho(&run.join(ORTHO))?;
+    surface.write_confidence(&run.join(CONFIDENCE))?;
+    let shade = hillshade(&surface.height, grid.cell);
+    Ok(write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?)
 }
 
 /// An optional product, which can be added to a complete surface. Paths count from the run folder.

@@ -46,7 +46,7 @@ pub fn train(
     let _lock = RunLock::existing(run)?;
     require_one_area(run)?;
     require_no_tile(run)?;
-    let outcome = train_locked(run, options, progress)?;
+    let outcome = train_locked(run, options, progress, &mut || Ok(()))?;
     if matches!(outcome, Outcome::Made(_)) {
         outdated::say_outdated(run, progress)?;
         renew_report(run)?;
@@ -54,16 +54,20 @@ pub fn train(
     Ok(outcome)
 }
 
+/// What is done before splats are trained, if training will not change the heights of the surface.
+pub(crate) type SurfaceIsKnown<'a> = &'a mut dyn FnMut() -> Result<(), PipelineError>;
+
 /// As [`train`]; the caller holds the lock.
 pub(crate) fn train_locked(
     run: &Path,
     options: &TrainOptions,
     progress: &dyn Progress,
+    surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
     let trained = if perspective::is_run(run) {
         perspective::train_locked(run, options, progress)?
     } else {
-        train_satellites(run, options, progress)?
+        train_satellites(run, options, progress, surface_is_known)?
     };
     if matches!(trained, Outcome::Made(_)) {
         outdated::after_training(run, progress)?;
@@ -76,6 +80,7 @@ fn train_satellites(
     run: &Path,
     options: &TrainOptions,
     progress: &dyn Progress,
+    surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
     relocation::finish_locked(run)?;
     let scene = read_scene(run)?;
@@ -83,7 +88,7 @@ fn train_satellites(
     let then = recipe.then.clone();
     // Files are read before the long training.
     let networks = then.as_ref().map(|_| OtherNetworks::read(options)).transpose()?;
-    let trained = train_heights(run, options, recipe, &scene, progress)?;
+    let trained = train_heights(run, options, recipe, &scene, progress, surface_is_known)?;
     let Some((then, networks)) = then.zip(networks) else { return Ok(trained) };
     let colors = appearance::train_locked(run, options, &then, networks, &scene, progress)?;
     Ok(trained.with_colors(colors))
@@ -96,6 +101,7 @@ fn train_heights(
     recipe: Recipe,
     scene: &Scene,
     progress: &dyn Progress,
+    surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
@@ -107,7 +113,8 @@ fn train_heights(
     require_images(scene)?;
     let mut training = Training::new(run, options, recipe, scene)?;
     let (extent, threads) = (Extent::of(&training.setup), rayon::current_num_threads());
-    if training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() && extent.views > 1 {
+    let is_usual = training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none();
+    if is_usual && !options.no_splats && extent.views > 1 {
         let expected = extent.expectation(&training.recipe, threads);
         progress.event(Event::Note(expected.text(&extent, threads)));
     }
@@ -118,7 +125,8 @@ fn train_heights(
     let (every, is_required) = (options.checkpoint_every, options.resume);
     let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
     let taken_up = checkpoints.take_up(views.len(), options.overwrite, progress)?;
-    if taken_up.is_none() {
+    let is_new = taken_up.is_none();
+    if is_new {
         training.match_surface(&views, progress)?;
     }
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
@@ -155,15 +163,20 @@ fn train_heights(
         TrainingScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility: None },
         state,
     )?;
-    progress.event(Event::Resumable(true));
-    let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
-    optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
-        training.take_picture(backend, &views, log.len() as u32, progress)?;
-        checkpoints.keep(at_start, log, backend, progress)
-    })?;
-    progress.event(Event::Resumable(false));
-
-    tracing::info!("{}", backend.times().table());
+    if !options.no_splats {
+        if is_new && first.is_some() && !training.refines_surface() {
+            training.write(&mut backend, &views, first.as_ref(), &log)?;
+            surface_is_known()?;
+        }
+        progress.event(Event::Resumable(true));
+        let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
+        optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
+            training.take_picture(backend, &views, log.len() as u32, progress)?;
+            checkpoints.keep(at_start, log, backend, progress)
+        })?;
+        progress.event(Event::Resumable(false));
+        tracing::info!("{}", backend.times().table());
+    }
     let cameras = training.write(&mut backend, &views, first.as_ref(), &log)?;
     let trained = figures(&cameras, &log, at_start, backend.snapshot()?.splats.len());
     stage.complete(&trained)?;
@@ -175,7 +188,7 @@ fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splat
     let fits = &cameras.setup.views;
     let views = cameras.appearances.len();
     Trained {
-        iterations: cameras.recipe.iterations,
+        iterations: log.len() as u32,
         seconds: log.last().map_or(0.0, |l| l.seconds),
         splats_start,
         splats,
@@ -207,6 +220,9 @@ fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fi
         ("--seed".into(), options.seed.to_string()),
     ]);
     fingerprint.extend(frame.transpose()?);
+    if options.no_splats {
+        fingerprint.insert("--no-splats".into(), "given".into());
+    }
     if let Some(prediction) = prediction_of(run, &adjustment_fingerprint(run))? {
         fingerprint.insert("predicted splats".into(), prediction);
     } else if options.predict {

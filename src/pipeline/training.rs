@@ -12,7 +12,7 @@ use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
 use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
-use crate::scene::{Scene, SearchedHeights};
+use crate::scene::{Role, Scene, SearchedHeights};
 use crate::splat::anchored::StartSplats;
 use crate::splat::appearance::{Appearance, AppearanceKind, affine};
 use crate::splat::backend::TrainingBackend;
@@ -191,18 +191,23 @@ impl<'a> Training<'a> {
         pictures::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations)
     }
 
-    /// Writes what training made; the surface is matched once more if there is one to start `from`.
+    /// Whether the surface is matched once more, with the trained splats. Few views do not refine it.
+    pub fn refines_surface(&self) -> bool {
+        let views = self.setup.views.iter().filter(|view| view.role == Role::Train).count();
+        PlaneSweep::can_refine(views) && !self.options.no_splats
+    }
+
+    /// Writes what training made, of the surface that it started `from`, if there is one.
     pub fn write(
-        self,
+        &self,
         backend: &mut CpuBackend,
         views: &[TrainingView],
         from: Option<&MatchedSurface>,
         log: &[LogLine],
     ) -> Result<TrainedCameras, PipelineError> {
-        // Few views do not refine the surface.
-        let sweep = from.filter(|_| PlaneSweep::can_refine(views.len())).and_then(|_| self.sweep(views));
+        let sweep = from.filter(|_| self.refines_surface()).and_then(|_| self.sweep(views));
         let names = views.iter().map(|v| v.name.clone());
-        let Self { run, recipe, setup, .. } = self;
+        let (run, recipe, setup) = (self.run, self.recipe.clone(), self.setup.clone());
         let made = backend.snapshot()?;
         if let Some(first) = from {
             let refined = sweep.map(|mut sweep| {

@@ -21,6 +21,8 @@ use std::path::Path;
 
 /// Smallest side of a core that planning chooses to stay within a given memory, metres.
 const SMALLEST_CORE_M: f64 = 64.0;
+/// An area whose sides are at most so many cores long is not cut, if memory allows: two small tiles take longer than one.
+const UNCUT_CORES: f64 = 1.5;
 /// A view belongs to a tile if it shows this share of the places of the overlap box that two training views see.
 const LEAST_COVERED: f64 = 0.3;
 /// Number of training views that a place needs to get a height.
@@ -43,12 +45,13 @@ pub fn needs_tiles(run: &Path, options: &PlanOptions) -> Result<bool, TilesError
     let from = adjusted(run)?;
     let (west, south, east, north) = from.setup.area;
     let side = (east - west).max(north - south);
-    if side > options.core_m + options.resolution_m {
+    if side > UNCUT_CORES * options.core_m + options.resolution_m {
         return Ok(true);
     }
     let Some(limit) = options.max_memory_mb else { return Ok(false) };
     let planner = Planner::new(run, options, from)?;
-    let (plan, _) = planner.plan(side + options.resolution_m, &planner.candidates()?)?;
+    let whole = CoreSize::uncut(side + options.resolution_m);
+    let (plan, _) = planner.plan(whole, &planner.candidates()?)?;
     Ok(plan.total.memory_mb > limit)
 }
 
@@ -133,6 +136,28 @@ struct Candidate<'a> {
 /// Which places of the overlap box of a tile a view shows, by rows.
 type Shown = [bool; PLACES * PLACES];
 
+/// The largest side of a core, metres.
+#[derive(Clone, Copy)]
+struct CoreSize {
+    /// Where an area is cut.
+    cut_m: f64,
+    /// Of an area that is not cut in this direction.
+    uncut_m: f64,
+}
+
+impl CoreSize {
+    /// Of an area that is not cut.
+    fn uncut(side_m: f64) -> Self {
+        Self { cut_m: side_m, uncut_m: side_m }
+    }
+
+    /// The next smaller one.
+    fn smaller(self) -> Self {
+        let cut_m = if self.uncut_m > self.cut_m { self.cut_m } else { 0.5 * self.cut_m };
+        Self { cut_m, uncut_m: cut_m }
+    }
+}
+
 /// Where a tile lies.
 struct Place {
     id: String,
@@ -191,15 +216,16 @@ impl<'a> Planner<'a> {
     /// The plan with the largest cores whose memory is below the limit, and notes about it.
     fn within_memory(&self) -> Result<(Plan, Vec<String>), TilesError> {
         let candidates = self.candidates()?;
-        let mut core_m = self.options.core_m;
+        let core_m = self.options.core_m;
+        let mut size = CoreSize { cut_m: core_m, uncut_m: UNCUT_CORES * core_m };
         loop {
-            let (plan, notes) = self.plan(core_m, &candidates)?;
+            let (plan, notes) = self.plan(size, &candidates)?;
             let limit = self.options.max_memory_mb.unwrap_or(f64::INFINITY);
             if plan.total.memory_mb <= limit {
                 return Ok((plan, notes));
             }
-            core_m *= 0.5;
-            if core_m < SMALLEST_CORE_M.max(CORE_PER_OVERLAP * self.overlap_m) {
+            size = size.smaller();
+            if size.cut_m < SMALLEST_CORE_M.max(CORE_PER_OVERLAP * self.overlap_m) {
                 return Err(TilesError::Memory { needed_mb: plan.total.memory_mb, limit_mb: limit });
             }
         }
@@ -228,9 +254,9 @@ impl<'a> Planner<'a> {
             .collect()
     }
 
-    fn plan(&self, core_m: f64, candidates: &[Candidate]) -> Result<(Plan, Vec<String>), TilesError> {
+    fn plan(&self, size: CoreSize, candidates: &[Candidate]) -> Result<(Plan, Vec<String>), TilesError> {
         let cell = self.options.resolution_m;
-        let places = self.places(core_m);
+        let places = self.places(size);
         let coverage = candidates.iter().map(|c| self.coverage(c, &places)).collect::<Result<Vec<_>, _>>()?;
         let (mut tiles, mut empty, mut capped) = (Vec::new(), Vec::new(), 0);
         for (i, place) in places.into_iter().enumerate() {
@@ -281,7 +307,7 @@ impl<'a> Planner<'a> {
             train: TileTraining::of(&self.options.train, &self.recipe),
             surface: self.surface.clone(),
             adjustment_hash: self.adjustment_hash.clone(),
-            core_m,
+            core_m: size.cut_m,
             overlap_m: self.overlap_m,
             tiles,
             total,
@@ -292,12 +318,12 @@ impl<'a> Planner<'a> {
     }
 
     /// The cores of all tiles, with the ranges of heights around them.
-    fn places(&self, core_m: f64) -> Vec<Place> {
+    fn places(&self, size: CoreSize) -> Vec<Place> {
         let cell = self.options.resolution_m;
         let o = self.overlap_m;
         let least = CORE_PER_OVERLAP * o;
-        let (columns, width) = cut(self.area[2] - self.area[0], core_m, least, cell);
-        let (rows, height) = cut(self.area[3] - self.area[1], core_m, least, cell);
+        let (columns, width) = cut(self.area[2] - self.area[0], size, least, cell);
+        let (rows, height) = cut(self.area[3] - self.area[1], size, least, cell);
         let place = |(row, column): (usize, usize)| {
             let west = self.area[0] + column as f64 * width;
             let south = self.area[1] + row as f64 * height;
@@ -482,10 +508,11 @@ impl<'a> Planner<'a> {
     }
 }
 
-/// Number of parts and length of each, a multiple of `cell`, of a length cut into parts of at most `longest`, all of at least
-/// `least`: for that, parts may be a little longer than `longest`, and a short length is one part.
-fn cut(length: f64, longest: f64, least: f64, cell: f64) -> (usize, f64) {
+/// Number of parts and length of each, a multiple of `cell`, of a length cut into parts of at most the given size, all of at least
+/// `least`: for that, parts may be a little longer, and a short length is one part.
+fn cut(length: f64, size: CoreSize, least: f64, cell: f64) -> (usize, f64) {
     let cells = (length / cell).round().max(1.0);
+    let longest = if length <= size.uncut_m { size.uncut_m } else { size.cut_m };
     let most = (longest / cell + 1e-6).floor().max(1.0);
     let mut parts = (cells / most).ceil();
     let each = |parts: f64| (cells / parts).ceil();
