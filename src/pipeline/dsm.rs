@@ -230,13 +230,13 @@ pub(super) fn before_training(
 }
 
 /// The surface on a map grid, and its heights above a vertical reference.
-fn rendered(
+fn rendered<'a>(
     source: &SurfaceSource,
     run: &Path,
     grid: MapGrid,
     options: &DsmOptions,
-    vertical: &VerticalReference,
-) -> Result<(Dsm, Heights), PipelineError> {
+    vertical: &'a VerticalReference,
+) -> Result<(Dsm, Heights<'a>), PipelineError> {
     let mut surface = source.surface(run, grid)?;
     if let Some(reach_m) = options.fill_m {
         surface.fill(reach_m);

@@ -598,7 +598,7 @@ mod tests {
         fn parts_cover_a_length_exactly(cells in 1usize..5000, longest in 20.0..600.0f64, cell in 0.2..2.0f64) {
             let length = cells as f64 * cell;
             let least = 0.25 * longest;
-            let (parts, each) = cut(length, longest.max(cell), least, cell);
+            let (parts, each) = cut(length, CoreSize::uncut(longest.max(cell)), least, cell);
             prop_assert!(each <= 2.0 * longest.max(cell) + 1e-6);
             prop_assert!(parts == 1 || length - each * (parts - 1) as f64 >= least - 1e-6);
             prop_assert!((each / cell - (each / cell).round()).abs() < 1e-6);
@@ -609,10 +609,22 @@ mod tests {
 
     #[test]
     fn parts_are_of_nearly_the_same_length() {
-        assert_eq!(cut(1000.0, 512.0, 64.0, 0.5), (2, 500.0));
-        assert_eq!(cut(512.0, 512.0, 64.0, 0.5), (1, 512.0));
-        assert_eq!(cut(1030.0, 512.0, 64.0, 0.5), (3, 343.5));
-        assert_eq!(cut(100.0, 64.0, 64.0, 0.5), (1, 100.0));
+        let size = CoreSize { cut_m: 512.0, uncut_m: 768.0 };
+        assert_eq!(cut(1000.0, size, 64.0, 0.5), (2, 500.0));
+        assert_eq!(cut(512.0, size, 64.0, 0.5), (1, 512.0));
+        assert_eq!(cut(1030.0, size, 64.0, 0.5), (3, 343.5));
+        assert_eq!(cut(100.0, CoreSize::uncut(64.0), 64.0, 0.5), (1, 100.0));
+    }
+
+    #[test]
+    fn an_area_a_little_longer_than_a_core_is_not_cut_unless_memory_is_short() {
+        let size = CoreSize { cut_m: 512.0, uncut_m: 768.0 };
+        assert_eq!(cut(522.0, size, 64.0, 0.5), (1, 522.0));
+        assert_eq!(cut(769.0, size, 64.0, 0.5), (2, 384.5));
+        let smaller = size.smaller();
+        assert_eq!((smaller.cut_m, smaller.uncut_m), (512.0, 512.0));
+        assert_eq!(cut(522.0, smaller, 64.0, 0.5), (2, 261.0));
+        assert_eq!(smaller.smaller().cut_m, 256.0);
     }
 
     #[test]

@@ -12,7 +12,8 @@
 //! 3. The consistency check keeps altitudes that the map of a source view confirms (§2.6 there, for any
 //!    number of views); small connected parts are removed (`consistency`).
 //! 4. The maps are resampled to the map grid as meshes. Each cell takes the median over the views (`fuse`).
-//!    Cells that no two maps agree on are filled from their surroundings, with a score of 0 (`fill`).
+//!    Cells that no two maps agree on are filled from their surroundings, with a score of 0 (`fill`): low beside steps, smoothly
+//!    on terrain without steps (`steps`).
 
 mod altitude_map;
 mod consistency;
@@ -22,6 +23,7 @@ mod ray_costs;
 mod ray_ranges;
 mod rays;
 mod reference;
+mod steps;
 
 use super::image::MatchImage;
 use super::plane_sweep::{MAX_VOLUME, PlaneSweep};
