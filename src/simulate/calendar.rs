@@ -1,8 +1,10 @@
 //! Dates and times of acquisitions, and the sun at them.
 
+use super::error::SimulateError;
 use super::geodesy::sun_at;
 use super::keyed_rng::KeyedRng;
 use crate::frame::{Geodetic, Point};
+use crate::rpc::formats::iso_date;
 use crate::scene::Sun;
 
 /// Lowest elevation of the sun in an image, degrees. Farther shadows would reach beyond the margin of the town.
@@ -13,6 +15,10 @@ const FIRST_MINUTE: u32 = 9 * 60 + 35;
 const MINUTES: f64 = 75.0;
 /// A minute, UTC, when the sun has culminated on any day.
 const AFTER_NOON_MINUTE: u32 = 12 * 60;
+/// Lowest elevation of the sun at a time that a user plans, degrees.
+const LOWEST_PLANNED_SUN_DEG: f64 = 5.0;
+/// Days of the months of a year that is no leap year.
+const MONTHS: [u32; 12] = [31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
 
 /// How the images are distributed over the year.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +35,27 @@ pub(super) struct Moment {
     pub(super) sun: Sun,
     /// ISO 8601 in UTC.
     pub(super) acquired: String,
+}
+
+impl Moment {
+    /// A time that a user plans, in any of the formats that [`iso_date`] reads.
+    pub(super) fn at(time: &str, place: Point<Geodetic>) -> Result<Self, SimulateError> {
+        // Seconds may be left out.
+        let whole = format!("{}:00", time.trim().trim_end_matches(['Z', 'z']));
+        let acquired = [time, &whole].into_iter().filter_map(iso_date).find(|iso| iso.contains('T'));
+        let acquired = acquired.ok_or_else(|| SimulateError::Time { found: time.to_owned() })?;
+        let number =
+            |from: usize, to: usize| acquired.get(from..to).and_then(|t| t.parse::<u32>().ok()).unwrap_or(0);
+        let months = MONTHS.iter().take(number(5, 7).saturating_sub(1) as usize);
+        let day_of_year = months.sum::<u32>() + number(8, 10);
+        let hours =
+            f64::from(number(11, 13)) + f64::from(number(14, 16)) / 60.0 + f64::from(number(17, 19)) / 3600.0;
+        let sun = sun_at(day_of_year, hours, place);
+        if sun.elevation_deg < LOWEST_PLANNED_SUN_DEG {
+            return Err(SimulateError::Night { acquired, elevation_deg: sun.elevation_deg });
+        }
+        Ok(Self { day_of_year, sun, acquired })
+    }
 }
 
 impl Calendar {
@@ -77,7 +104,7 @@ impl Calendar {
 
 fn month_and_day(day_of_year: u32) -> (u32, u32) {
     let mut day = day_of_year;
-    for (month, length) in (1..).zip([31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31]) {
+    for (month, length) in (1..).zip(MONTHS) {
         if day <= length {
             return (month, day);
         }

@@ -21,6 +21,22 @@ pub enum SimulateError {
         /// The valid values.
         expected: &'static str,
     },
+    /// A planned time is none.
+    #[error("`{found}` is no time of an image")]
+    #[diagnostic(help("expected a date and a time of day in UTC, such as 2024-07-15T10:30"))]
+    Time {
+        /// The given text.
+        found: String,
+    },
+    /// The sun is too low at a planned time.
+    #[error("the sun is {elevation_deg:.0} degrees high at {acquired}, expected 5 degrees or more")]
+    #[diagnostic(help("times of images are in UTC"))]
+    Night {
+        /// The planned time.
+        acquired: String,
+        /// Elevation of the sun, degrees.
+        elevation_deg: f64,
+    },
     /// The output folder is not empty.
     #[error("`{path}` is not empty")]
     #[diagnostic(help("--overwrite replaces an earlier simulation; another folder keeps both"))]

@@ -13,6 +13,9 @@ pub(super) enum Material {
     Roof,
     Tree,
     Water,
+    Rock,
+    Scree,
+    Snow,
 }
 
 /// One node of the field.
@@ -46,8 +49,10 @@ pub(super) type Place = [f64; 3];
 const LEAP_M: f64 = 2.0;
 /// Number of steps of a ray per distance between nodes.
 const STEPS_PER_NODE: f64 = 2.0;
-/// Bisections that locate the intersection within a step: 0.1 m / 2¹⁴ is 6 µm.
+/// Fewest bisections that locate the intersection within a step: 0.1 m / 2¹⁴ is 6 µm.
 const HALVINGS: usize = 14;
+/// Height within which an intersection is located, metres: more bisections follow where a step of a steep ray descends far.
+const EXACT_M: f64 = 1e-3;
 
 impl Field {
     /// A field over ±`half_m` with a node every `step_m`; nodes are ordered row by row from the south.
@@ -144,6 +149,7 @@ impl Field {
         let (from, to) = (path(0.0), path(1.0));
         let run_m = (to[0] - from[0]).hypot(to[1] - from[1]).max(1e-6);
         let (leap, fine) = (LEAP_M / run_m, (self.step_m / STEPS_PER_NODE / run_m).min(1.0));
+        let halvings = HALVINGS.max(((from[2] - to[2]) * fine / EXACT_M).log2().ceil() as usize);
         let above = |p: Place| p[2] > self.height_m(p[0], p[1]);
         let mut t = 0.0;
         let mut here = from;
@@ -158,7 +164,7 @@ impl Field {
             let far = path(after);
             if !above(far) {
                 let (mut high, mut low) = (t, after);
-                for _ in 0..HALVINGS {
+                for _ in 0..halvings {
                     let middle = 0.5 * (high + low);
                     if above(path(middle)) { high = middle } else { low = middle }
                 }

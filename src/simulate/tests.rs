@@ -1,5 +1,6 @@
 //! Tests of whole scenes: reproducible bytes, statistics, delivered files.
 
+use super::town::Town;
 use super::*;
 use crate::io::ImageFile;
 use crate::progress::NoProgress;
@@ -72,14 +73,13 @@ fn scenes_have_relief_buildings_trees_and_water() {
     for (seed, relief, relief_m) in
         [(0, Relief::Rolling, 8.0), (0, Relief::Hilly, 60.0), (1, Relief::Rolling, 8.0)]
     {
-        let options = SimulateOptions { seed, relief, ..SimulateOptions::default() };
-        let map = SiteGrid::at(PLACE).unwrap();
-        let grid = SiteGrid { epsg: map.epsg, origin: map.origin.at_height(0.0) };
+        let options = SimulateOptions { seed, terrain: Terrain::Town(relief), ..SimulateOptions::default() };
         // The nodes are coarser than in the scene, which does not change the statistics.
         let town = Town::new(seed, 150.0, 0.5, 100.0, relief);
-        let views = plan_views(&options, &town, &grid).unwrap();
-        let truth = truth::ExactDsm::sample(&town.field, &grid, &views, options.size_px, 1.0);
-        let f = truth.figures(&town.plan, &grid);
+        let landscape = Landscape::at(PLACE, town.field, Some(town.plan)).unwrap();
+        let views = plan_views(&options, &landscape).unwrap();
+        let truth = truth::ExactDsm::sample(&landscape, &views, options.size_px, 1.0);
+        let f = truth.figures(&landscape);
         assert!(truth.grid.width >= 170, "{}", truth.grid.width);
         assert!(f.mean_absolute_deviation_m >= 5.0, "{f:?}");
         assert!((0.22..0.34).contains(&f.roofs_share), "{f:?}");

@@ -14,6 +14,7 @@ use super::error::SimulateError;
 use super::field::{Field, Material, Place};
 use super::folder;
 use super::keyed_rng::KeyedRng;
+use super::options::BitDepth;
 use super::perspective::{Hit, PinholeCamera, PointRules, Scenery, TestSet, TestSetSummary};
 use super::radiometry::Radiometry;
 use super::rays::Sight;
@@ -97,7 +98,7 @@ impl TownFromAbove {
         Ok(Self {
             town,
             palette: Palette::mild(moment.day_of_year, colors),
-            radiometry: Radiometry::new(rng.key(4003), sun).without_noise(),
+            radiometry: Radiometry::new(rng.key(4003), sun, BitDepth::Eight).without_noise(),
             colors,
             waves: rng.key(4004),
         })
