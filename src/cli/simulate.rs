@@ -4,7 +4,9 @@ mod photographs;
 
 use super::{CliError, Ui};
 use crate::scene::Role;
-use crate::simulate::{BitDepth, PlannedView, Relief, SimulateOptions, Summary, Terrain, simulate};
+use crate::simulate::{
+    BitDepth, PlannedView, Relief, SimulateOptions, Summary, SurfaceFiles, Terrain, simulate,
+};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -28,6 +30,8 @@ use std::path::PathBuf;
   satgs simulate town && satgs run town -o run --truth town/truth/TOWN_DSM.tif
   satgs simulate year --views 12 --seasons --cars 2 --held-out 4 && satgs run year -o run && satgs nvs-eval run
   satgs simulate mountain --mountains --view 11,11,2024-08-20T10:30 --view 11,191,2024-08-20T10:31
+  satgs simulate plan --surface city_dsm.tif --texture city_ortho.tif --views 8 && \\
+    satgs run plan -o plan-run --truth plan/truth/SURFACE_DSM.tif
   satgs simulate room --room && satgs run room -o run --recipe indoor --depth-prior room/priors/depths \\
     --normal-prior room/priors/normals && satgs mesh run -o mesh.ply && \\
     satgs mesh-eval mesh.ply room/truth/mesh.ply --views room
@@ -55,6 +59,21 @@ pub struct Args {
     /// Images have 16 bits, of which 12 are used, so that snow is neither saturated nor without texture.
     #[arg(long, conflicts_with_all = ["photographs", "hilly", "cars"])]
     mountains: bool,
+    /// Look at this surface instead, to plan an acquisition: a north-up raster of heights in a projected CRS in metres
+    ///
+    /// Images are centred on its middle, and show as much of it as --size allows. Where it has no heights, and beyond its borders,
+    /// images and the exact surface have no data. Views and suns are those of the place, unless --view gives them; cars drive on
+    /// grey level ground, and green ground changes with the season.
+    #[arg(long, value_name = "DSM.tif", conflicts_with_all = ["photographs", "hilly", "mountains"])]
+    surface: Option<PathBuf>,
+    /// Picture of the ground of --surface, in its CRS: one band, or red, green and blue; shadows in it stay
+    /// [default: a plain texture, also where the picture shows nothing]
+    #[arg(long, value_name = "ORTHO.tif", requires = "surface")]
+    texture: Option<PathBuf>,
+    /// Vertical reference of --surface: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// [default: as its CRS or VERTICAL_REFERENCE says, else the ellipsoid]
+    #[arg(long, value_name = "REFERENCE", requires = "surface")]
+    surface_vertical: Option<String>,
     /// Number of images; 8 or more are recommended [default: 10; --room: 60; --aerial: 21]
     #[arg(long, value_name = "N")]
     views: Option<usize>,
@@ -73,7 +92,8 @@ pub struct Args {
     /// Bits of the grey levels, 8 or 16; of 16, 12 are used [default: 8; --mountains: 16]
     #[arg(long, value_name = "N", value_parser = parse_bits, conflicts_with = "photographs")]
     bits: Option<BitDepth>,
-    /// Columns and rows of every image, pixels [default: 400; --room: 640; --aerial: 512]
+    /// Columns and rows of every image, pixels [default: 400; --room: 640; --aerial: 512; --surface: what
+    /// shows the surface, at most 2048]
     #[arg(long, value_name = "PX")]
     size: Option<usize>,
     /// Ground sampling distance at nadir, metres
@@ -115,10 +135,15 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         return photographs::run(args, ui);
     }
     let defaults = SimulateOptions::default();
+    let size_px = match (args.size, &args.surface) {
+        (Some(size_px), _) => size_px,
+        (None, Some(surface)) => SimulateOptions::covering_px(surface, args.gsd)?,
+        (None, None) => defaults.size_px,
+    };
     let options = SimulateOptions {
         seed: args.seed,
         views: args.views.unwrap_or(defaults.views),
-        size_px: args.size.unwrap_or(defaults.size_px),
+        size_px,
         gsd_m: args.gsd,
         terrain: args.terrain(),
         planned: args.view.clone(),
@@ -135,7 +160,15 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 
 impl Args {
     fn terrain(&self) -> Terrain {
-        if self.mountains { Terrain::Mountains } else { Terrain::Town(self.relief()) }
+        match &self.surface {
+            Some(surface) => Terrain::Surface(SurfaceFiles {
+                surface: surface.clone(),
+                texture: self.texture.clone(),
+                vertical: self.surface_vertical.clone(),
+            }),
+            None if self.mountains => Terrain::Mountains,
+            None => Terrain::Town(self.relief()),
+        }
     }
 
     /// Height differences of the town.
@@ -182,6 +215,14 @@ fn text(args: &Args, options: &SimulateOptions, summary: &Summary) -> String {
             ("water", percent(s.water_share)),
             ("tallest building", format!("{:.1} m", s.tallest_building_m)),
         ]);
+    }
+    if let Some(surface) = &summary.surface {
+        let assumed = if surface.vertical_is_assumed { " (assumed; --surface-vertical)" } else { "" };
+        rows.push(("heights are above", format!("{}{assumed}", surface.vertical)));
+        rows.push(("without heights", percent(surface.holes_share)));
+        if args.texture.is_some() {
+            rows.push(("without texture", percent(surface.untextured_share)));
+        }
     }
     for (name, value) in rows {
         // Writing to a string cannot fail.

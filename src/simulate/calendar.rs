@@ -15,10 +15,19 @@ const FIRST_MINUTE: u32 = 9 * 60 + 35;
 const MINUTES: f64 = 75.0;
 /// A minute, UTC, when the sun has culminated on any day.
 const AFTER_NOON_MINUTE: u32 = 12 * 60;
-/// Lowest elevation of the sun at a time that a user plans, degrees.
-const LOWEST_PLANNED_SUN_DEG: f64 = 5.0;
+/// Longitude at which the minutes above are meant, degrees; elsewhere the sun is as high at other minutes.
+const LON_DEG: f64 = 5.5;
+/// Minutes in which the sun moves by a degree, and minutes of a day.
+const MINUTES_PER_DEGREE: f64 = 4.0;
+const DAY_MINUTES: i64 = 24 * 60;
+const YEAR_DAYS: u32 = 365;
 /// Days of the months of a year that is no leap year.
 const MONTHS: [u32; 12] = [31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+
+/// The day of the year with the season in the northern hemisphere that a day has at a place, and the reverse, to a day.
+pub(super) fn season_day(day_of_year: u32, place: Point<Geodetic>) -> u32 {
+    if place.lat_deg() >= 0.0 { day_of_year } else { (day_of_year + YEAR_DAYS / 2 - 1) % YEAR_DAYS + 1 }
+}
 
 /// How the images are distributed over the year.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,9 +60,6 @@ impl Moment {
         let hours =
             f64::from(number(11, 13)) + f64::from(number(14, 16)) / 60.0 + f64::from(number(17, 19)) / 3600.0;
         let sun = sun_at(day_of_year, hours, place);
-        if sun.elevation_deg < LOWEST_PLANNED_SUN_DEG {
-            return Err(SimulateError::Night { acquired, elevation_deg: sun.elevation_deg });
-        }
         Ok(Self { day_of_year, sun, acquired })
     }
 }
@@ -84,14 +90,19 @@ impl Calendar {
 
     /// The time at which an image is taken on a day: in the late morning, or as much later as the sun needs to be high enough.
     pub(super) fn moment(self, index: usize, day: u32, rng: KeyedRng, place: Point<Geodetic>) -> Moment {
-        let mut minute = FIRST_MINUTE + (rng.key(3).uniform() * MINUTES) as u32;
+        let later = ((LON_DEG - place.lon_deg()) * MINUTES_PER_DEGREE).round() as i64;
+        let mut minute = i64::from(FIRST_MINUTE) + later + (rng.key(3).uniform() * MINUTES) as i64;
         let second = (rng.key(4).uniform() * 60.0) as u32;
-        let sun = |minute: u32| sun_at(day, (f64::from(minute) + f64::from(second) / 60.0) / 60.0, place);
-        while sun(minute).elevation_deg < LOWEST_SUN_DEG && minute < AFTER_NOON_MINUTE {
+        let sun = |minute: i64| sun_at(day, (minute as f64 + f64::from(second) / 60.0) / 60.0, place);
+        while sun(minute).elevation_deg < LOWEST_SUN_DEG && minute < i64::from(AFTER_NOON_MINUTE) + later {
             minute += 1;
         }
-        let (month, day_of_month) = month_and_day(day);
-        let (year, hour, minute_of_hour) = (self.year(index), minute / 60, minute % 60);
+        // The day in UTC may be the one before or after.
+        let utc_day =
+            (i64::from(day) + minute.div_euclid(DAY_MINUTES) - 1).rem_euclid(i64::from(YEAR_DAYS)) + 1;
+        let (month, day_of_month) = month_and_day(utc_day as u32);
+        let minute_of_day = minute.rem_euclid(DAY_MINUTES);
+        let (year, hour, minute_of_hour) = (self.year(index), minute_of_day / 60, minute_of_day % 60);
         Moment {
             day_of_year: day,
             sun: sun(minute),

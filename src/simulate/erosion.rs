@@ -144,3 +144,19 @@ fn spline(t: f64) -> ([f64; 4], [f64; 4]) {
     ];
     (weights, [-0.5 * s * s, 1.5 * t * t - 2.0 * t, 2.0 * s - 1.5 * s * s, 0.5 * t * t])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gradient_is_that_of_the_height() {
+        let land =
+            Land { heights_m: (0..SIDE * SIDE).map(|k| KeyedRng::new(3).key(k as i64).uniform()).collect() };
+        for (x, y) in [(3.7, -12.2), (-800.0, 400.3), (0.0, 0.0)] {
+            let (_, [east, north]) = land.at(x, y);
+            let rate = |dx: f64, dy: f64| (land.at(x + dx, y + dy).0 - land.at(x - dx, y - dy).0) / 2e-4;
+            assert!((east - rate(1e-4, 0.0)).abs() < 1e-6 && (north - rate(0.0, 1e-4)).abs() < 1e-6);
+        }
+    }
+}

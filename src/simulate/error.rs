@@ -1,7 +1,7 @@
 //! Errors of the simulation.
 
 use crate::frame::FrameError;
-use crate::io::WriteError;
+use crate::io::{RasterError, VerticalError, WriteError};
 use crate::progress::Interrupted;
 use crate::rpc::{LocalizeError, RpcError};
 use std::path::PathBuf;
@@ -37,6 +37,25 @@ pub enum SimulateError {
         /// Elevation of the sun, degrees.
         elevation_deg: f64,
     },
+    /// A surface or a picture cannot be used.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help(
+        "--surface and --texture take north-up rasters in one projected CRS in metres that show the same place"
+    ))]
+    Surface {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A surface or a picture cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    /// The vertical reference of a surface is not known.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Vertical(#[from] VerticalError),
     /// The output folder is not empty.
     #[error("`{path}` is not empty")]
     #[diagnostic(help("--overwrite replaces an earlier simulation; another folder keeps both"))]

@@ -1,7 +1,8 @@
 //! Taking the images: from a planned view to its files.
 
 use super::appearance;
-use super::cars::{Cars, Traffic};
+use super::calendar::season_day;
+use super::cars::{Cars, Roads, Traffic};
 use super::error::SimulateError;
 use super::export;
 use super::folder::APPEARANCE;
@@ -51,7 +52,7 @@ impl Studio<'_> {
 
     fn palette(&self, day_of_year: u32) -> Palette {
         let of_day = if self.options.seasons { Palette::seasonal } else { Palette::mild };
-        of_day(day_of_year, colors(self.options.seed))
+        of_day(season_day(day_of_year, self.landscape.center), colors(self.options.seed))
     }
 
     fn radiometry(&self, view: &SimulatedView) -> Radiometry {
@@ -88,8 +89,12 @@ impl Studio<'_> {
             grain: view.rng.key(3),
             size_px,
         };
-        if let Some(plan) = plan.as_ref().filter(|_| view.role == Role::Train) {
-            let cars = |traffic| Cars::new(plan, view.rng.key(2), radiometry.sun, traffic);
+        let roads = match plan {
+            Some(plan) => Some(Roads::Streets(plan)),
+            None => self.options.terrain.has_streets().then_some(Roads::Open(field)),
+        };
+        if let Some(roads) = roads.filter(|_| view.role == Role::Train) {
+            let cars = |traffic| Cars::new(roads, view.rng.key(2), radiometry.sun, traffic);
             shot.cars = Some(match self.options.cars_percent {
                 None => cars(Traffic::LIGHT),
                 Some(percent) => {

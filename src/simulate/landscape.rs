@@ -7,6 +7,8 @@ use super::keyed_rng::KeyedRng;
 use super::mountains::Mountain;
 use super::options::SimulateOptions;
 use super::plan::Plan;
+use super::summary::SurfaceFigures;
+use super::survey;
 use super::terrain::Terrain;
 use super::town::Town;
 use crate::frame::{Geodetic, Point, SiteGrid};
@@ -28,24 +30,30 @@ pub(super) struct Landscape {
 }
 
 impl Landscape {
-    /// The ground that options ask for.
-    pub(super) fn new(options: &SimulateOptions) -> Result<Self, SimulateError> {
+    /// The ground that options ask for, and what is known of a user's surface.
+    pub(super) fn new(options: &SimulateOptions) -> Result<(Self, Option<SurfaceFigures>), SimulateError> {
         let extent_m = options.size_px as f64 * options.gsd_m;
         let step_m = 0.5 * options.gsd_m;
         let half_m = |margin_m: f64| ((HALF_SIDE * extent_m + margin_m) / step_m).ceil() * step_m;
-        match &options.terrain {
+        let parallax = options.largest_off_nadir_deg().to_radians().tan();
+        let made = match &options.terrain {
             Terrain::Town(relief) => {
                 let town = Town::new(options.seed, half_m(MARGIN_M), step_m, 0.5 * extent_m, *relief);
-                Self::at(PLACE, town.field, Some(town.plan))
+                Self::at(PLACE, town.field, Some(town.plan))?
             }
             Terrain::Mountains => {
-                let parallax = options.largest_off_nadir_deg().to_radians().tan();
                 let half_m = half_m(MARGIN_M + 0.5 * Mountain::SPAN_M * parallax);
                 let field = Mountain::new(options.seed, colors(options.seed)).field(half_m, step_m);
                 let (low, high) = field.height_range();
-                Self::at(PLACE.at_height(0.5 * (low + high)), field, None)
+                Self::at(PLACE.at_height(0.5 * (low + high)), field, None)?
             }
-        }
+            Terrain::Surface(files) => {
+                let half_m = |span_m: f64| half_m(MARGIN_M + 0.5 * span_m * parallax);
+                let made = survey::landscape(files, step_m, extent_m, half_m, colors(options.seed))?;
+                return Ok((made.0, Some(made.1)));
+            }
+        };
+        Ok((made, None))
     }
 
     /// A landscape with the given centre, on the UTM grid.

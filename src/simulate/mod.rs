@@ -32,6 +32,7 @@ mod season;
 mod sensor;
 mod summary;
 mod surface;
+mod survey;
 mod terrain;
 mod town;
 mod truth;
@@ -53,12 +54,14 @@ pub use plan::Relief;
 pub use room::{RoomOptions, simulate_room};
 use sensor::{Acquisition, LineScanner};
 use std::path::Path;
-pub use summary::{AppearanceFigures, SceneFigures, Summary, ViewFigures};
-pub use terrain::Terrain;
+pub use summary::{AppearanceFigures, SceneFigures, Summary, SurfaceFigures, ViewFigures};
+pub use terrain::{SurfaceFiles, Terrain};
 use view::SimulatedView;
 
 /// Position of the town, east of the central meridian of its UTM zone, so that grid north and true north differ by 1.7°.
 const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
+/// Lowest elevation of the sun of an image, degrees.
+const LOWEST_SUN_DEG: f64 = 5.0;
 /// Smallest half height range of an RPC, metres.
 const RPC_HALF_HEIGHT_M: f64 = 80.0;
 
@@ -80,7 +83,7 @@ pub fn simulate(
     let truth_folder = out.join("truth");
 
     progress.event(Event::Started { stage: "building the ground", total: 0 });
-    let landscape = Landscape::new(options)?;
+    let (landscape, surface) = Landscape::new(options)?;
     let views = plan_views(options, &landscape)?;
     progress.event(Event::Finished);
 
@@ -98,13 +101,14 @@ pub fn simulate(
     export::write_test_list(out, &held_out)?;
     let truth = truth::ExactDsm::sample(&landscape, &views, options.size_px, options.gsd_m);
     let truth_name = options.terrain.truth_name();
-    truth.write(&truth_folder, truth_name)?;
+    truth.write(&truth_folder, truth_name, options.terrain.has_classes())?;
     write_json(&truth_folder.join("shifts.json"), &shifts(&figures))?;
     if options.has_appearance_truth() {
         appearance::write_list(&truth_folder.join(folder::APPEARANCE), &figures)?;
     }
     Ok(Summary {
         scene: truth.figures(&landscape),
+        surface,
         views: figures,
         truth: truth_folder.join(format!("{truth_name}_DSM.tif")),
     })
@@ -124,6 +128,10 @@ fn plan_views(options: &SimulateOptions, landscape: &Landscape) -> Result<Vec<Si
         [] => sensor::acquisitions(rng.key(1000), calendar, options.views, target),
         planned => sensor::planned(rng.key(1000), calendar, planned, target)?,
     };
+    if let Some(dark) = training.iter().find(|view| view.sun.elevation_deg < LOWEST_SUN_DEG) {
+        let Acquisition { acquired, sun, .. } = dark.clone();
+        return Err(SimulateError::Night { acquired, elevation_deg: sun.elevation_deg });
+    }
     let held_out = sensor::held_out(rng.key(1001), calendar, &training, options.held_out, target);
     let view = |plan: Acquisition, role, rng| {
         let scanner = LineScanner::new(target, &plan, options.size_px, options.gsd_m);

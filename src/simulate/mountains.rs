@@ -21,6 +21,8 @@ const BEND_M: f64 = 26.0;
 const GULLIES_M: [f64; 4] = [58.0, 27.0, 13.0, 6.5];
 /// Depth of a gully as a share of its wavelength where the slope is 45 degrees.
 const GULLY_DEPTH: f64 = 0.075;
+/// Weight of the cells around a place at which waves have half their height.
+const FADE: f64 = 0.05;
 /// Height above which snow lies on level ground, metres, and the width of the zone in which it sets in.
 const SNOW_LINE_M: f64 = RIVER_M + 260.0;
 const SNOW_ZONE_M: f64 = 50.0;
@@ -121,8 +123,8 @@ impl Mountain {
                 weights += weight;
             }
         }
-        let total = weights.max(1e-3);
-        (cos / total, sin / total)
+        // Waves end softly where no cell reaches.
+        (cos / (weights + FADE), sin / (weights + FADE))
     }
 
     fn cover(&self, x: f64, y: f64, height_m: f64, steep: f64) -> Cover {
@@ -165,5 +167,98 @@ impl Mountain {
             _ => Material::Rock,
         };
         (material, mixed(ground, snow, cover.snow))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::PLACE;
+    use super::super::calendar::Calendar;
+    use super::super::rays::ViewRays;
+    use super::super::sensor::{LineScanner, acquisitions};
+    use super::*;
+    use crate::frame::{CenterPx, Pixel, Point, Site, SiteGrid};
+    use crate::rpc::Axis;
+
+    fn field(seed: u64) -> Field {
+        Mountain::new(seed, KeyedRng::new(seed).key(7)).field(110.0, 0.5)
+    }
+
+    #[test]
+    fn mountains_are_steep_and_continuous_and_differ_by_seed() {
+        let fields = [field(1), field(2)];
+        for field in &fields {
+            let (low, high) = field.height_range();
+            assert!((40.0..Mountain::SPAN_M).contains(&(high - low)), "{low} {high}");
+            let mut slopes: Vec<f64> = (0..4000)
+                .map(|k| {
+                    let rng = KeyedRng::new(9).key(k);
+                    let [gx, gy] = field
+                        .slope(rng.key(0).uniform_in(-109.0, 109.0), rng.key(1).uniform_in(-109.0, 109.0));
+                    gx.hypot(gy).atan().to_degrees()
+                })
+                .collect();
+            slopes.sort_by(f64::total_cmp);
+            assert!((20.0..45.0).contains(&slopes[2000]), "median slope {}", slopes[2000]);
+            assert!(slopes[3960] < 68.0, "steepest slopes {}", slopes[3960]);
+        }
+        assert!((fields[0].height_m(3.0, 4.0) - fields[1].height_m(3.0, 4.0)).abs() > 0.1);
+    }
+
+    #[test]
+    fn snow_is_bright_and_smooth_and_scree_is_rough() {
+        let field = field(2);
+        // Deviation of the height from the mean of its neighbours, and brightness.
+        let of = |material: Material| {
+            let (mut rough, mut bright, mut n) = (0.0, 0.0, 0.0);
+            for k in 0..40_000 {
+                let (x, y) = (f64::from(k % 200) - 100.0, f64::from(k / 200) - 100.0);
+                if field.nearest(x, y).material == material {
+                    let around = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
+                    let mean =
+                        around.iter().map(|(dx, dy)| field.height_m(x + dx, y + dy)).sum::<f64>() / 4.0;
+                    rough += (field.height_m(x, y) - mean).abs();
+                    bright += f64::from(field.nearest(x, y).albedo[1]);
+                    n += 1.0;
+                }
+            }
+            assert!(n > 100.0, "{material:?} {n}");
+            (rough / n, bright / n)
+        };
+        let (snow, rock) = (of(Material::Snow), of(Material::Rock));
+        assert!(snow.0 < 0.8 * rock.0 && snow.1 > 1.5 * rock.1, "{snow:?} {rock:?}");
+    }
+
+    #[test]
+    fn rays_end_on_the_surface_to_a_centimetre_and_pass_through_nothing_before() {
+        let field = field(1);
+        let (low, high) = field.height_range();
+        let target = PLACE.at_height(field.height_m(0.0, 0.0));
+        let grid = SiteGrid::at(PLACE.at_height(0.0)).unwrap();
+        for view in acquisitions(KeyedRng::new(0), Calendar::Mild, 3, target) {
+            let height = Axis { offset: 0.5 * (low + high), scale: 150.0 };
+            let rpc = LineScanner::new(target, &view, 240, 0.5).rpc(target, height).unwrap();
+            let rays = ViewRays::new(&rpc, &grid, 240, (low - 1.0, high + 1.0)).unwrap();
+            for k in 0..300 {
+                let rng = KeyedRng::new(4).key(k);
+                let px = Pixel::<CenterPx>::new(
+                    rng.key(1).uniform_in(20.0, 219.0),
+                    rng.key(2).uniform_in(20.0, 219.0),
+                );
+                let path = rays.ray(px);
+                let [x, y, z] = field.first_hit(&path).unwrap();
+                assert!((z - field.height_m(x, y)).abs() < 0.01, "{z} {}", field.height_m(x, y));
+                let seen = rpc.project(grid.geodetic_from_site(Point::<Site>::new(x, y, z)));
+                assert!(seen.distance(px) < 1e-3, "{}", seen.distance(px));
+                // Steps of a ray are half the distance between nodes, so that it may touch a tip that is lower than this.
+                let over = |t: f64| {
+                    let [x, y, z] = path(t);
+                    field.height_m(x, y) - z
+                };
+                let end = (path(0.0)[2] - z - 0.05) / (path(0.0)[2] - path(1.0)[2]);
+                let worst = (0..2000).map(|i| over(end * f64::from(i) / 2000.0)).fold(f64::MIN, f64::max);
+                assert!(worst < 0.1, "{worst}");
+            }
+        }
     }
 }

@@ -101,6 +101,9 @@ impl Shot<'_> {
         let (mut sunlit, mut cars) = (0, 0);
         for hit in self.hits(index) {
             let surface = Surface::at(self.field, hit, self.colors);
+            if surface.material == Material::Void {
+                return PicturePixel { image: [0; 3], clean: [0; 3], sunlit: 0, cars: 0 };
+            }
             let direct = surface.direct_light(self.field, self.radiometry.sun);
             sunlit += usize::from(direct > 0.0);
             let bare = self.radiance(&surface, surface.albedo, direct);

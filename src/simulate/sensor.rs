@@ -3,7 +3,7 @@
 //! The scanner records the ground line by line while it moves, so that the viewing direction varies over the image as in
 //! real images. An RPC is fitted to it, and the image is rendered with the RPC, which therefore is the exact camera.
 
-use super::calendar::{Calendar, Moment};
+use super::calendar::{Calendar, Moment, season_day};
 use super::error::SimulateError;
 use super::geodesy::{Ecef, ecef_from_geodetic, local_axes};
 use super::keyed_rng::KeyedRng;
@@ -58,7 +58,7 @@ pub(super) fn acquisitions(
     (0..count)
         .map(|i| {
             let rng = rng.key(i as i64);
-            let day = calendar.day(((i as f64 + 0.5) * GOLDEN * 2.0).fract());
+            let day = season_day(calendar.day(((i as f64 + 0.5) * GOLDEN * 2.0).fract()), place);
             let moment = calendar.moment(i, day, rng, place);
             let turned = if i % TURNED_EVERY == 3 { 90.0 } else { 0.0 };
             Acquisition::new(
@@ -76,7 +76,7 @@ pub(super) fn acquisitions(
 /// The acquisitions of a position that a user plans.
 ///
 /// # Errors
-/// [`SimulateError::Time`] and [`SimulateError::Night`] for times that are none, or at which the sun is too low.
+/// [`SimulateError::Time`] for times that are none.
 pub(super) fn planned(
     rng: KeyedRng,
     calendar: Calendar,

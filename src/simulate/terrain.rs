@@ -2,6 +2,7 @@
 
 use super::plan::Relief;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// The ground of a simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -11,6 +12,20 @@ pub enum Terrain {
     Town(Relief),
     /// A mountain without buildings that the seed determines: ridges, gullies, scree, snow.
     Mountains,
+    /// A surface that the user has.
+    Surface(SurfaceFiles),
+}
+
+/// A surface that the user has.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceFiles {
+    /// Heights: a north-up raster in a projected CRS in metres.
+    pub surface: PathBuf,
+    /// A picture of the ground in the same CRS; without it, the ground has a plain texture.
+    pub texture: Option<PathBuf>,
+    /// Vertical reference of the heights, as [`VerticalReference::read`](crate::io::VerticalReference::read) takes it; without
+    /// it that which the file states, else the ellipsoid.
+    pub vertical: Option<String>,
 }
 
 impl Terrain {
@@ -19,14 +34,20 @@ impl Terrain {
         !matches!(self, Self::Mountains)
     }
 
+    /// Whether it is known what lies where.
+    pub(super) fn has_classes(&self) -> bool {
+        !matches!(self, Self::Surface(_))
+    }
+
     /// Start of the names of the files of its truth.
     pub(super) fn truth_name(&self) -> &'static str {
         match self {
             Self::Town(_) => "TOWN",
             Self::Mountains => "MOUNTAINS",
+            Self::Surface(_) => "SURFACE",
         }
     }
 }
 
 /// Starts of the names of the files of all truths.
-pub(super) const TRUTH_NAMES: [&str; 2] = ["TOWN", "MOUNTAINS"];
+pub(super) const TRUTH_NAMES: [&str; 3] = ["TOWN", "MOUNTAINS", "SURFACE"];

@@ -14,6 +14,7 @@ const GROUND: u8 = 2;
 const TREES: u8 = 5;
 const BUILDING: u8 = 6;
 const WATER: u8 = 9;
+const UNLABELLED: u8 = 65;
 /// Number of views that must see the area of the exact DSM; all views if there are fewer.
 const SEEN_BY: usize = 3;
 /// Side of the exact DSM as a fraction of the side of the square that these views see.
@@ -44,7 +45,8 @@ impl ExactDsm {
         };
         let heights = Grid2::from_fn(map.width, map.height, |col, row| {
             let (x, y) = place(col, row);
-            field.height_m(x, y) as f32
+            let is_known = field.nearest(x, y).material != Material::Void;
+            if is_known { field.height_m(x, y) as f32 } else { f32::NAN }
         });
         let classes = (0..map.width * map.height)
             .map(|k| {
@@ -53,6 +55,7 @@ impl ExactDsm {
                     Material::Roof => BUILDING,
                     Material::Tree => TREES,
                     Material::Water => WATER,
+                    Material::Void => UNLABELLED,
                     Material::Grass
                     | Material::Paving
                     | Material::Asphalt
@@ -69,10 +72,11 @@ impl ExactDsm {
     pub(super) fn figures(&self, landscape: &Landscape) -> SceneFigures {
         let n = self.classes.len() as f64;
         let share = |class| self.classes.iter().filter(|c| **c == class).count() as f64 / n;
-        let mean = self.heights.data.iter().map(|h| f64::from(*h)).sum::<f64>() / n;
-        let deviation = self.heights.data.iter().map(|h| (f64::from(*h) - mean).abs()).sum::<f64>() / n;
+        let known = self.heights.valid().count() as f64;
+        let mean = self.heights.valid().map(f64::from).sum::<f64>() / known;
+        let deviation = self.heights.valid().map(|h| (f64::from(h) - mean).abs()).sum::<f64>() / known;
         let (mut lowest, mut highest, mut tallest) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64);
-        for (k, class) in self.classes.iter().enumerate() {
+        for (k, class) in self.classes.iter().enumerate().filter(|(_, class)| **class != UNLABELLED) {
             let c = self.grid.cell_center(k % self.grid.width, k / self.grid.width);
             let origin = landscape.grid.origin;
             let ground = landscape.ground_m(c.x() - origin.x(), c.y() - origin.y());
@@ -92,11 +96,14 @@ impl ExactDsm {
         }
     }
 
-    /// Writes `NAME_DSM.tif` and `NAME_CLS.tif`.
-    pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), WriteError> {
+    /// Writes `NAME_DSM.tif`, and `NAME_CLS.tif` if its classes are known.
+    pub(super) fn write(&self, folder: &Path, name: &str, has_classes: bool) -> Result<(), WriteError> {
         let classes = Cog { grid: self.grid, metadata: &[], heights_from: None };
         let dsm = Cog { heights_from: Some(&VerticalReference::Ellipsoid), ..classes };
         dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[("height", "m", &self.heights)])?;
+        if !has_classes {
+            return Ok(());
+        }
         classes.write_u8(&folder.join(format!("{name}_CLS.tif")), vec![self.classes.clone()], None)
     }
 }
