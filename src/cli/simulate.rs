@@ -5,7 +5,7 @@ mod photographs;
 use super::{CliError, Ui};
 use crate::scene::Role;
 use crate::simulate::{
-    BitDepth, PlannedView, Relief, SimulateOptions, Summary, SurfaceFiles, Terrain, simulate,
+    BitDepth, PlannedView, Relief, SimulateOptions, Summary, SurfaceFiles, Terrain, covering_px, simulate,
 };
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -137,7 +137,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let defaults = SimulateOptions::default();
     let size_px = match (args.size, &args.surface) {
         (Some(size_px), _) => size_px,
-        (None, Some(surface)) => SimulateOptions::covering_px(surface, args.gsd)?,
+        (None, Some(surface)) => covering_px(surface, args.gsd)?,
         (None, None) => defaults.size_px,
     };
     let options = SimulateOptions {

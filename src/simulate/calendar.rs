@@ -1,7 +1,7 @@
 //! Dates and times of acquisitions, and the sun at them.
 
 use super::error::SimulateError;
-use super::geodesy::sun_at;
+use super::geodesy::{PLACE, sun_at};
 use super::keyed_rng::KeyedRng;
 use crate::frame::{Geodetic, Point};
 use crate::rpc::formats::iso_date;
@@ -15,8 +15,6 @@ const FIRST_MINUTE: u32 = 9 * 60 + 35;
 const MINUTES: f64 = 75.0;
 /// A minute, UTC, when the sun has culminated on any day.
 const AFTER_NOON_MINUTE: u32 = 12 * 60;
-/// Longitude at which the minutes above are meant, degrees; elsewhere the sun is as high at other minutes.
-const LON_DEG: f64 = 5.5;
 /// Minutes in which the sun moves by a degree, and minutes of a day.
 const MINUTES_PER_DEGREE: f64 = 4.0;
 const DAY_MINUTES: i64 = 24 * 60;
@@ -90,7 +88,8 @@ impl Calendar {
 
     /// The time at which an image is taken on a day: in the late morning, or as much later as the sun needs to be high enough.
     pub(super) fn moment(self, index: usize, day: u32, rng: KeyedRng, place: Point<Geodetic>) -> Moment {
-        let later = ((LON_DEG - place.lon_deg()) * MINUTES_PER_DEGREE).round() as i64;
+        // The minutes are those of the town; elsewhere the sun is as high at other ones.
+        let later = ((PLACE.lon_deg() - place.lon_deg()) * MINUTES_PER_DEGREE).round() as i64;
         let mut minute = i64::from(FIRST_MINUTE) + later + (rng.key(3).uniform() * MINUTES) as i64;
         let second = (rng.key(4).uniform() * 60.0) as u32;
         let sun = |minute: i64| sun_at(day, (minute as f64 + f64::from(second) / 60.0) / 60.0, place);

@@ -1,14 +1,14 @@
 //! The ground under the satellites, as a height field at a place on Earth.
 
-use super::PLACE;
 use super::error::SimulateError;
 use super::field::Field;
+use super::geodesy::PLACE;
 use super::keyed_rng::KeyedRng;
 use super::mountains::Mountain;
 use super::options::SimulateOptions;
 use super::plan::Plan;
 use super::summary::SurfaceFigures;
-use super::survey;
+use super::survey::{self, Survey};
 use super::terrain::Terrain;
 use super::town::Town;
 use crate::frame::{Geodetic, Point, SiteGrid};
@@ -49,8 +49,9 @@ impl Landscape {
             }
             Terrain::Surface(files) => {
                 let half_m = |span_m: f64| half_m(MARGIN_M + 0.5 * span_m * parallax);
-                let made = survey::landscape(files, step_m, extent_m, half_m, colors(options.seed))?;
-                return Ok((made.0, Some(made.1)));
+                let made = survey::read(files, step_m, extent_m, half_m, colors(options.seed))?;
+                let Survey { field, grid, center, figures } = made;
+                return Ok((Self { field, plan: None, grid, center }, Some(figures)));
             }
         };
         Ok((made, None))

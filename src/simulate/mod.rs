@@ -38,7 +38,6 @@ mod town;
 mod truth;
 mod view;
 
-use crate::frame::{Geodetic, Point};
 use crate::io::write_json;
 use crate::progress::{Event, Progress};
 use crate::rpc::Axis;
@@ -55,11 +54,10 @@ pub use room::{RoomOptions, simulate_room};
 use sensor::{Acquisition, LineScanner};
 use std::path::Path;
 pub use summary::{AppearanceFigures, SceneFigures, Summary, SurfaceFigures, ViewFigures};
+pub use survey::covering_px;
 pub use terrain::{SurfaceFiles, Terrain};
 use view::SimulatedView;
 
-/// Position of the town, east of the central meridian of its UTM zone, so that grid north and true north differ by 1.7°.
-const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
 /// Lowest elevation of the sun of an image, degrees.
 const LOWEST_SUN_DEG: f64 = 5.0;
 /// Smallest half height range of an RPC, metres.

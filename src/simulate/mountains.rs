@@ -1,8 +1,8 @@
 //! A mountain without buildings: ridges with gullies between them, rock, scree, meadows and smooth snow.
 //!
-//! Ridges are a ridged multifractal (Musgrave 1993, in Ebert et al., *Texturing and Modeling*, section "Procedural fractal
-//! terrains"); gullies are waves across the line of greatest slope, of four wavelengths, each of which follows the slope that
-//! the longer ones left, so that they branch as erosion does. Heights are a function of place and seed alone.
+//! Ridges and valleys are those of eroded land, with knolls and hollows of all sizes on them. Gullies are waves across the line
+//! of greatest slope, of four wavelengths, each of which follows the slope that the longer ones left, so that they branch. Heights
+//! are a function of place and seed alone.
 
 use super::erosion::Land;
 use super::field::{Field, Material, Node};
@@ -43,7 +43,7 @@ pub(super) struct Mountain {
     colors: KeyedRng,
 }
 
-/// What lies at a place, each from 0 to 1; snow lies on top of scree and rock.
+/// What lies at a place, each from 0 to 1: snow on grass, grass on scree, scree on rock.
 struct Cover {
     snow: f64,
     scree: f64,
@@ -172,8 +172,8 @@ impl Mountain {
 
 #[cfg(test)]
 mod tests {
-    use super::super::PLACE;
     use super::super::calendar::Calendar;
+    use super::super::geodesy::PLACE;
     use super::super::rays::ViewRays;
     use super::super::sensor::{LineScanner, acquisitions};
     use super::*;

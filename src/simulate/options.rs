@@ -2,18 +2,16 @@
 
 use super::SimulateError;
 use super::plan::Relief;
-use super::survey;
 use super::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
-use std::path::Path;
 
 /// Numbers of images; the names of files have two digits.
 const VIEWS: RangeInclusive<usize> = 2..=99;
 /// Numbers of held-out images.
 const HELD_OUT: RangeInclusive<usize> = 0..=99;
 /// Columns and rows of an image.
-const SIZE_PX: RangeInclusive<usize> = 64..=2048;
+pub(super) const SIZE_PX: RangeInclusive<usize> = 64..=2048;
 /// Ground sampling distances, metres.
 const GSD_M: RangeInclusive<f64> = 0.2..=2.0;
 /// Percent of the pixels that show cars or their shadows; streets full of cars reach the highest one.
@@ -125,14 +123,6 @@ impl Default for SimulateOptions {
 }
 
 impl SimulateOptions {
-    /// Columns and rows of images that show a surface as far as its shorter side and the size of images allow.
-    ///
-    /// # Errors
-    /// [`SimulateError::Raster`] if the surface is no map.
-    pub fn covering_px(surface: &Path, gsd_m: f64) -> Result<usize, SimulateError> {
-        survey::covering_px(surface, gsd_m, *SIZE_PX.start(), *SIZE_PX.end())
-    }
-
     /// Whether the truth of shadows, cars and colours is written.
     pub(super) fn has_appearance_truth(&self) -> bool {
         self.seasons || self.cars_percent.is_some() || self.held_out > 0

@@ -4,11 +4,11 @@ use super::error::SimulateError;
 use super::field::{Field, Material, Node};
 use super::geodesy::ecef_from_geodetic;
 use super::keyed_rng::KeyedRng;
-use super::landscape::Landscape;
+use super::options::SIZE_PX;
 use super::summary::SurfaceFigures;
 use super::terrain::SurfaceFiles;
 use super::texture::{Albedo, scaled};
-use crate::frame::{Point, Site, SiteGrid};
+use crate::frame::{Geodetic, Point, Site, SiteGrid};
 use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, read_heights};
 use rayon::prelude::*;
 use std::path::Path;
@@ -40,15 +40,25 @@ struct Place {
     zero_m: f64,
 }
 
-/// The landscape of a user's surface. `half_m` gives half the side of the field for its height differences; `extent_m` is the
-/// side of the images on the ground.
-pub(super) fn landscape(
+/// A surface as a field.
+pub(super) struct Survey {
+    pub(super) field: Field,
+    /// Its map; the origin is the centre, at height 0.
+    pub(super) grid: SiteGrid,
+    /// Longitude, latitude and a typical ellipsoidal height of the centre.
+    pub(super) center: Point<Geodetic>,
+    pub(super) figures: SurfaceFigures,
+}
+
+/// Reads a user's surface. `half_m` gives half the side of the field for its height differences; `extent_m` is the side of the
+/// images on the ground.
+pub(super) fn read(
     files: &SurfaceFiles,
     step_m: f64,
     extent_m: f64,
     half_m: impl Fn(f64) -> f64,
     colors: KeyedRng,
-) -> Result<(Landscape, SurfaceFigures), SimulateError> {
+) -> Result<Survey, SimulateError> {
     let file = ImageFile::open(&files.surface)?;
     let (place, vertical, is_assumed) = place(&file, files)?;
     let (low, high) = height_range(&file, &place)?;
@@ -96,20 +106,18 @@ pub(super) fn landscape(
         holes_share: holes as f64 / all,
         untextured_share: plain as f64 / all,
     };
-    Ok((Landscape { field, plan: None, grid: place.map, center }, figures))
+    Ok(Survey { field, grid: place.map, center, figures })
 }
 
-/// Columns and rows of images of a ground sampling distance that show a surface as far as its shorter side allows, between
-/// `fewest` and `most`.
-pub(super) fn covering_px(
-    surface: &Path,
-    gsd_m: f64,
-    fewest: usize,
-    most: usize,
-) -> Result<usize, SimulateError> {
+/// Columns and rows of images of a ground sampling distance that show a surface as far as its shorter side and the largest
+/// size of images allow.
+///
+/// # Errors
+/// [`SimulateError::Raster`] if the surface is no map.
+pub fn covering_px(surface: &Path, gsd_m: f64) -> Result<usize, SimulateError> {
     let cells = ImageFile::open(surface)?.map_grid()?;
     let shorter_m = cells.cell * cells.width.min(cells.height) as f64;
-    Ok(((shorter_m / gsd_m) as usize).clamp(fewest, most))
+    Ok(((shorter_m / gsd_m) as usize).clamp(*SIZE_PX.start(), *SIZE_PX.end()))
 }
 
 /// The place of a surface, the name of its vertical reference, and whether this is assumed.

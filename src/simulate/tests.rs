@@ -1,7 +1,9 @@
 //! Tests of whole scenes: reproducible bytes, statistics, delivered files.
 
+use super::geodesy::PLACE;
 use super::town::Town;
 use super::*;
+use crate::frame::Point;
 use crate::io::ImageFile;
 use crate::progress::NoProgress;
 use std::collections::BTreeMap;
