@@ -1,10 +1,10 @@
 //! The folder of a scene: created, or cleared of an earlier simulation.
 
-use super::TRUTH_NAME;
 use super::appearance::{LIST, PICTURES};
 use super::error::SimulateError;
 use super::export::{TEST_LIST, TRAIN_LIST};
 use super::perspective::{DESCRIPTION, DISPARITIES, IMAGES, MAPS, MESH, MODEL};
+use super::terrain::TRUTH_NAMES;
 use std::path::{Path, PathBuf};
 
 /// Folder of the truth of appearance in `truth/`.
@@ -51,9 +51,11 @@ fn of_satellite_images(out: &Path) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         found.extend(entries.filter(|e| is_view(&e.file_name().to_string_lossy(), ends)).map(|e| e.path()));
     }
-    let truth = ["DSM", "CLS"].map(|what| out.join(format!("truth/{TRUTH_NAME}_{what}.tif")));
+    let truth = TRUTH_NAMES
+        .into_iter()
+        .flat_map(|name| ["DSM", "CLS"].map(|what| out.join(format!("truth/{name}_{what}.tif"))));
     let lists = [out.join(TEST_LIST), out.join("truth/shifts.json"), appearance.join(LIST)];
-    found.extend(truth.into_iter().chain(lists).filter(|path| path.exists()));
+    found.extend(truth.chain(lists).filter(|path| path.exists()));
     found
 }
 

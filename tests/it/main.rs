@@ -47,6 +47,7 @@ mod scene_geometry;
 mod scene_lists;
 mod season_colors;
 mod simulated_photographs;
+mod simulated_surfaces;
 mod tiles;
 mod validity;
 mod view;
