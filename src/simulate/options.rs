@@ -67,6 +67,10 @@ impl SimulateOptions {
     /// [`SimulateError::Option`].
     pub fn check(&self) -> Result<(), SimulateError> {
         let wrong = |option, found: String, expected| Err(SimulateError::Option { option, found, expected });
+        if self.views < *VIEWS.start() {
+            let expected = "3 to 99; a scene of two views is one of three from which an image is deleted";
+            return wrong("--views", self.views.to_string(), expected);
+        }
         if !VIEWS.contains(&self.views) {
             return wrong("--views", self.views.to_string(), "3 to 99");
         }
