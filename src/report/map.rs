@@ -48,6 +48,19 @@ pub(super) fn relief(heights: &Grid2, grid: &MapGrid, alt: &str) -> Result<Strin
     Ok(img(grid.width, grid.height, &rgb, alt, "")?)
 }
 
+/// A picture of an orthophoto, whose values are bytes.
+pub(super) fn colors(bands: &[Grid2], grid: &MapGrid, alt: &str) -> Result<String, ReportError> {
+    let pixel = |i: usize| {
+        let of = |band: usize| {
+            bands.get(band.min(bands.len().saturating_sub(1))).map_or(f32::NAN, |band| band.data[i])
+        };
+        let values = [of(0), of(1), of(2)];
+        if values.iter().any(|v| v.is_nan()) { NOTHING } else { values.map(|v| v.round() as u8) }
+    };
+    let rgb: Vec<u8> = (0..grid.width * grid.height).flat_map(pixel).collect();
+    Ok(img(grid.width, grid.height, &rgb, alt, "")?)
+}
+
 /// The legend of [`relief`]; `unit` is the unit with the vertical reference.
 pub(super) fn height_legend(heights: &Grid2, unit: &str) -> String {
     let HeightScale { low, high } = HeightScale::of(heights);

@@ -1,6 +1,6 @@
 //! The first section of the page: what was made, how good it is, what needs attention, and the command.
 
-use super::pictures::{img, map_of_page, rgb_of};
+use super::pictures::map_of_page;
 use super::sections::read_if_present;
 use super::{ReportError, map};
 use crate::bundle::Report;
@@ -105,15 +105,16 @@ fn expected_fact(scene: &Scene) -> Option<Fact> {
 
 fn surface_fact(counts: &CellCounts) -> Fact {
     let percent = |cells: u64| format!("{:.0} %", 100.0 * cells as f64 / counts.all.max(1) as f64);
-    match counts.confirmed {
-        Some(confirmed) => {
+    match (counts.confirmed, counts.filled) {
+        (Some(confirmed), Some(filled)) => {
             let meaning = format!(
-                "of the cells are confirmed by two views or more; {} have a height, the others of which are filled in",
-                percent(counts.with_height)
+                "of the cells are confirmed by two views or more; {} are filled in, {} have no height",
+                percent(filled),
+                percent(counts.all.saturating_sub(counts.with_height))
             );
             ("Surface", percent(confirmed), meaning)
         }
-        None => ("Surface", percent(counts.with_height), "of the cells have a height".into()),
+        _ => ("Surface", percent(counts.with_height), "of the cells have a height".into()),
     }
 }
 
@@ -180,10 +181,8 @@ fn maps(run: &Path) -> Result<String, ReportError> {
         out += &map::figure(&picture, &grid, &legend, &caption);
     }
     if ortho.exists() {
-        let (mut bands, grid) = map_of_page(&ortho)?;
-        bands.truncate(3);
-        bands.iter_mut().flat_map(|band| &mut band.data).for_each(|v| *v /= 255.0);
-        let picture = img(grid.width, grid.height, &rgb_of(&bands), "Orthophoto without shadows", "")?;
+        let (bands, grid) = map_of_page(&ortho)?;
+        let picture = map::colors(&bands, &grid, "Orthophoto without shadows")?;
         out += &map::figure(&picture, &grid, "", &format!("Orthophoto ({ORTHO}), without shadows"));
     }
     Ok(if out.is_empty() { out } else { format!("<div class=\"maps\">\n{out}</div>\n") })
