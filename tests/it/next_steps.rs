@@ -156,3 +156,16 @@ fn a_changed_option_names_the_command_that_makes_the_run_anew() {
     let words = ["ba", name(place.path()), "-o", name(&run)];
     refused(&words, 2, &["--model was affine", "satgs run … --overwrite", "another -o keeps both"]);
 }
+
+#[test]
+fn tie_points_outside_of_the_heights_to_search_are_warned_of() {
+    // The ground of the town lies from 150 m on.
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let ba = |range: &str| {
+        text(&satgs(&["ba", "data/town", "-o", name(&run), "--height-range", range, "--overwrite"]))
+    };
+    let said = ba("100,150");
+    assert!(said.contains("tie points lie outside of the heights to search, 100 to 150 m"), "{said}");
+    assert!(!ba("140,190").contains("lie outside"));
+}
