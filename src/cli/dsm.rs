@@ -33,15 +33,17 @@ pub struct Args {
 #[group(id = "surface")]
 #[command(next_help_heading = "Products")]
 pub struct Options {
-    /// Side of a cell in metres; the extent is the trained area
+    /// Side of a cell, metres
+    ///
+    /// The extent is the trained area.
     #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = parse_metres, conflicts_with = "like")]
     resolution: f64,
     /// Use the grid and extent of this raster
     #[arg(long, value_name = "RASTER", hide_short_help = true)]
     like: Option<PathBuf>,
-    /// Vertical reference of dsm.tif: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid
+    /// Vertical reference of dsm.tif, such as `ellipsoid` or EGM2008
     ///
-    /// A grid is a .gtx or a .tif of PROJ [default: that of RUN/dsm.tif if it exists, else the ellipsoid].
+    /// `ellipsoid`, EGM84, EGM96, EGM2008, or a geoid grid: a .gtx or a .tif of PROJ [default: that of RUN/dsm.tif if it exists, else the ellipsoid].
     #[arg(long, value_name = "REFERENCE")]
     vertical: Option<String>,
     /// Interpolate holes up to this width, metres; confidence.tif has 0 views there [default: holes stay nodata]

@@ -80,9 +80,9 @@ pub struct Common {
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = FOR_ALL)]
     quiet: bool,
     /// Number of threads [default: one for each core of the processor]; results do not depend on it
-    #[arg(long, global = true, help_heading = FOR_ALL, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, global = true, help_heading = FOR_ALL, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Print the usual options (-h) or all of them with their details (--help)
+    /// Print the usual options (-h), or all with details (--help)
     #[arg(short, long, global = true, action = clap::ArgAction::Help, help_heading = FOR_ALL)]
     help: Option<bool>,
 }

@@ -10,7 +10,7 @@ pub struct PerspectiveArgs {
     /// Where the scene lies on Earth: `exif`, the GPS positions of the photographs, or a file
     ///
     /// The file is JSON with epsg, scale, rotation, translation, or has a line `EPSG:CODE` and lines `image easting northing height`.
-    #[arg(long, value_name = "exif|FILE", value_parser = parse_georeference)]
+    #[arg(long, value_name = "exif|FILE", value_parser = parse_georeference, hide_short_help = true)]
     pub georef: Option<GeoreferenceSource>,
     /// The images.
     #[command(flatten)]
@@ -27,7 +27,7 @@ pub struct ImageArgs {
     #[arg(long, value_name = "N|FILE|none", value_parser = parse_test_views, hide_short_help = true)]
     pub test_views: Option<TestViews>,
     /// Use images at 1/N of their size [default: 1]
-    #[arg(long, value_name = "N", value_parser = ["1", "2", "4", "8"])]
+    #[arg(long, value_name = "N", value_parser = ["1", "2", "4", "8"], hide_short_help = true)]
     pub downsampling: Option<String>,
     /// What transparent pixels of images mean: `empty`, nothing is there, or `unknown`
     ///

@@ -60,7 +60,7 @@ pub struct Options {
     /// Memory that the training of a tile may take, such as 3GB
     ///
     /// The sides of tiles (--core) are halved until the prediction is below it [default: no limit].
-    #[arg(long, value_name = "SIZE", value_parser = parse_megabytes)]
+    #[arg(long, value_name = "SIZE", value_parser = parse_megabytes, hide_short_help = true)]
     pub max_memory: Option<f64>,
 }
 

@@ -28,9 +28,9 @@ pub struct Args {
     surface: dsm::Options,
     #[command(flatten)]
     tiling: plan::Options,
-    /// Score dsm.tif against this surface model or point cloud (.las, .laz)
+    /// Score dsm.tif against this surface model or point cloud
     ///
-    /// Any GDAL raster, or DFC2019's .tif with its .txt.
+    /// Any GDAL raster, DFC2019's .tif with its .txt, or points (.las, .laz).
     #[arg(long, value_name = "DSM", help_heading = "Scoring")]
     truth: Option<PathBuf>,
     #[command(flatten)]

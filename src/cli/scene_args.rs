@@ -10,8 +10,11 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Input")]
 pub struct SceneArgs {
-    /// Folder of images with RPCs (in the file, or beside it as delivered by the vendor), a folder with `images/` and
-    /// folders of RPC files, or a list of views: TOML with `[[view]]` tables, a STAC Item or ItemCollection
+    /// Folder of images with RPCs, list of views, or scene of photographs
+    ///
+    /// RPCs lie in the files, beside them as delivered by the vendor, or in folders beside `images/`. A list of views is TOML with
+    /// `[[view]]` tables, a STAC Item or an ItemCollection. Photographs have poses: a COLMAP project, a transforms.json, RGB-D frames,
+    /// LEVIR-NVS, ScanNet++.
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Name of the folder of RPC files beside `images/` to use, when there are several

@@ -102,10 +102,10 @@ impl Start {
 #[group(id = "training")]
 #[command(next_help_heading = "Training")]
 pub struct Options {
-    /// Recipe: `best`, `satgs`, ...; of photographs `3dgs`, `2dgs`, `indoor`, `geoprop`; or a TOML file
+    /// Recipe, such as `best` or `satgs`, or a TOML file
     ///
     /// `best` makes heights; `baeogs` and `eogs` follow the papers; `satgs` adds colours for any date and sun, `satgs-fast` in a quarter of
-    /// the iterations. Of photographs: `2dgs` makes flat discs for surfaces, `indoor` is for rooms, `geoprop` for three to ten aerial views
+    /// the iterations. Of photographs: `3dgs` makes ellipsoids, `2dgs` flat discs for surfaces, `indoor` is for rooms, `geoprop` for three to ten aerial views
     /// [default: `best`, of photographs `3dgs`].
     #[arg(long, value_name = "NAME|FILE")]
     recipe: Option<String>,
@@ -123,7 +123,9 @@ pub struct Options {
     /// Of LEVIR-NVS and ScanNet++. --depth-prior is aligned with them, too.
     #[arg(long, hide_short_help = true)]
     reference_points: bool,
-    /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
+    /// Number of iterations [default: the recipe's]
+    ///
+    /// The schedule is scaled in proportion.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
     /// Seed of all random numbers; the same seed gives the same bytes
