@@ -201,8 +201,10 @@ mod tests {
             assert!(next(&photographs).contains("colmap automatic_reconstructor"), "{photographs:?}");
         }
         assert!(next(&["walk.MOV", "notes.txt"]).contains("ffmpeg -i"));
-        assert!(next(&["delivery.zip"]).contains("/vsizip/"));
-        assert!(next(&["delivery.7z"]).contains("unpack"));
+        // Archives that cannot be read in place: the first is damaged.
+        for archive in ["delivery.zip", "delivery.7z"] {
+            assert!(next(&[archive]).contains("unpack"), "{archive}");
+        }
         assert_eq!(next(&["notes.txt", "other/readme.md"]), "");
     }
 
