@@ -100,33 +100,32 @@ impl Start {
 /// How to train.
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
-#[command(next_help_heading = "Training")]
 pub struct Options {
     /// Recipe, such as `best` or `satgs`, or a TOML file
     ///
     /// `best` makes heights; `baeogs` and `eogs` follow the papers; `satgs` adds colours for any date and sun, `satgs-fast` in a quarter of
     /// the iterations. Of photographs: `3dgs` makes ellipsoids, `2dgs` flat discs for surfaces, `indoor` is for rooms, `geoprop` for three to ten aerial views
     /// [default: `best`, of photographs `3dgs`].
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", help_heading = "Training")]
     recipe: Option<String>,
     /// Kind of splats [default: the recipe's]
-    #[arg(long, value_name = "3d|2d", hide_short_help = true)]
+    #[arg(long, value_name = "3d|2d", hide_short_help = true, help_heading = "Training")]
     primitive: Option<Primitive>,
     /// Points that training starts from [default: the recipe's]
     ///
     /// `scene`, `patches`, `hdd` and `gva` are for photographs. `hdd` and `gva` put one behind each pixel, at the depth of --depth-prior,
     /// or at a depth interpolated between the points that the view sees.
-    #[arg(long, value_name = "POINTS", hide_short_help = true)]
+    #[arg(long, value_name = "POINTS", hide_short_help = true, help_heading = "Training")]
     start: Option<Start>,
     /// Start from points of the reference depth maps, in scenes without points
     ///
     /// Of LEVIR-NVS and ScanNet++. --depth-prior is aligned with them, too.
-    #[arg(long, hide_short_help = true)]
+    #[arg(long, hide_short_help = true, help_heading = "Training")]
     reference_points: bool,
     /// Number of iterations [default: the recipe's]
     ///
     /// The schedule is scaled in proportion.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = "Training")]
     iterations: Option<u32>,
     /// Seed of all random numbers; the same seed gives the same bytes
     #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Run", hide_short_help = true)]
@@ -145,41 +144,54 @@ pub struct Options {
     /// Number of pictures of the training's progress [default: none]
     ///
     /// RUN/train/snapshots gets image, render, shadows, altitudes and errors of one view.
-    #[arg(long, default_value_t = 0, value_name = "N", hide_default_value = true, hide_short_help = true)]
+    #[arg(
+        long,
+        default_value_t = 0,
+        value_name = "N",
+        hide_default_value = true,
+        hide_short_help = true,
+        help_heading = "Training"
+    )]
     snapshots: u32,
     /// ONNX network by which recipe satgs tells passing things, such as cars, from the scene
     ///
     /// It gives a vector for each patch of a picture, as DINOv2 does. Where the vectors of an image and of its render differ, the image
     /// counts less [default: vectors that need no network].
-    #[arg(long, value_name = "FILE", hide_short_help = true)]
+    #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     features: Option<PathBuf>,
     /// Network of the perceptual loss of recipe satgs
     ///
     /// A safetensors file made by scripts/fetch-weights [default: train without].
-    #[arg(long, value_name = "FILE", hide_short_help = true)]
+    #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     lpips: Option<PathBuf>,
     /// Depths of the images, for recipes indoor and geoprop: a folder, an ONNX network or a command
     ///
     /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network is such as Depth Anything V2. A command writes the map {out}
     /// of the image {image}, as 'python3 depth.py {image} {out}'. Maps that are made are kept in RUN/priors; `satgs prior` makes them once
     /// for several runs [default: the depth maps of RGB-D frames, else train without].
-    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true)]
+    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     depth_prior: Option<PriorSource>,
     /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
-    #[arg(long, value_name = "KIND", requires = "depth_prior", hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "KIND",
+        requires = "depth_prior",
+        hide_short_help = true,
+        help_heading = "Training"
+    )]
     prior_kind: Option<PriorKind>,
     /// Surface normals of the images, for recipe indoor: a folder, an ONNX network or a command
     ///
     /// As --depth-prior. Normals are in axes of the camera or of the world; which, and with which signs, the points of the scene tell
     /// [default: those of the depth maps of RGB-D frames, else train without].
-    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true)]
+    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     normal_prior: Option<PriorSource>,
     /// Command that paints what no view sees, for --start gva and recipe geoprop
     ///
     /// It is called for each picture of a camera beside the views: {rgb} is the picture, {mask} is white where nothing is seen, {depth}
     /// holds depths (.npy), {out} is the PNG to write, as 'python3 inpaint.py {rgb} {mask} {out}' [default: such places take the colours
     /// of what is near].
-    #[arg(long, value_name = "CMD", value_parser = InpaintCommand::parse, hide_short_help = true)]
+    #[arg(long, value_name = "CMD", value_parser = InpaintCommand::parse, hide_short_help = true, help_heading = "Training")]
     inpaint: Option<InpaintCommand>,
 }
 

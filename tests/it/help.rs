@@ -39,9 +39,7 @@ fn options_stand_in_groups_and_those_of_all_commands_last() {
     for group in groups {
         assert!(found.contains(&group), "{group} of {found:?}");
     }
-    for command in
-        ["info", "ba", "train", "dsm", "dsm-eval", "run", "plan", "mesh", "predict", "learn", "view"]
-    {
+    for command in ["info", "ba", "train", "dsm", "run", "plan", "mesh", "predict", "learn", "view"] {
         let text = help(&[command, "--help"]);
         assert_eq!(
             headings(&text).iter().rfind(|h| !h.contains("xample")),
