@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from satgs import _satgs, events
+from satgs._arguments import check
 from satgs.errors import FailedError, SatgsWarning
 from satgs.events import Event, Progress
 from satgs.results import Adjusted, DsmSummary, Evaluation, Mosaicked, RunResult, Trained, from_json
@@ -81,6 +82,7 @@ def adjust(
         FailedError: A file cannot be written, or no solution was found.
     """
     options = locals()
+    check("adjust", options)
     return _adjusted(_satgs.adjust(scene, run, options, _warn if progress is None else progress))
 
 
@@ -124,6 +126,7 @@ def train(
         FailedError: A file cannot be written.
     """
     options = locals()
+    check("train", options)
     return _trained(_satgs.train(run, options, _warn if progress is None else progress))
 
 
@@ -166,6 +169,7 @@ def dsm(
         FailedError: A file cannot be written.
     """
     options = locals()
+    check("dsm", options)
     return _dsm_summary(_satgs.dsm(run, options, _warn if progress is None else progress))
 
 
@@ -206,6 +210,7 @@ def compare(
         FailedError: A file cannot be written.
     """
     options = locals()
+    check("compare", options)
     return from_json(Evaluation, _satgs.compare(dsm, truth, output, options, _warn if progress is None else progress))
 
 
@@ -280,6 +285,7 @@ def run(
     """
     # Scores are with the confidence of the run's own surface model.
     options = locals() | {"confidence": None}
+    check("run", options)
     results = dict(_satgs.run(scene, run, options, _warn if progress is None else progress))
 
     def of(stage: str, made: Callable[[tuple[str | None, bool]], T]) -> T | None:

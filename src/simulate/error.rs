@@ -63,15 +63,7 @@ pub enum SimulateError {
         /// The folder.
         path: PathBuf,
     },
-    /// The folder cannot be read, created or cleared.
-    #[error("`{path}`: {cause}")]
-    Folder {
-        /// The folder or file.
-        path: PathBuf,
-        /// Error of the file system.
-        cause: std::io::Error,
-    },
-    /// An output could not be written.
+    /// An output could not be written, or the folder not be created or cleared.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Write(#[from] WriteError),

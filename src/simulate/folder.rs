@@ -5,6 +5,7 @@ use super::error::SimulateError;
 use super::export::{TEST_LIST, TRAIN_LIST};
 use super::perspective::{DESCRIPTION, DISPARITIES, IMAGES, MAPS, MESH, MODEL};
 use super::terrain::TRUTH_NAMES;
+use crate::io::WriteError;
 use std::path::{Path, PathBuf};
 
 /// Folder of the truth of appearance in `truth/`.
@@ -12,7 +13,7 @@ pub(super) const APPEARANCE: &str = "appearance";
 
 /// Creates the folder, or removes the files of an earlier simulation from it; other files are kept.
 pub(super) fn prepare(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
-    let failed = |path: &Path, cause: std::io::Error| SimulateError::Folder { path: path.into(), cause };
+    let failed = |path: &Path, cause: std::io::Error| SimulateError::Write(WriteError::new(path, cause));
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
     let entries = std::fs::read_dir(out).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     let entries = entries.map_err(|e| failed(out, e))?;

@@ -25,7 +25,8 @@ const DEM_CELL_M: f64 = 20.0;
 
 fn worst_shift_px(relief: Relief) -> f64 {
     let folder = tempfile::tempdir().unwrap();
-    let options = simulate::SimulateOptions { terrain: Terrain::Town(relief), ..simulate::SimulateOptions::default() };
+    let options =
+        simulate::SimulateOptions { terrain: Terrain::Town(relief), ..simulate::SimulateOptions::default() };
     simulate(folder.path(), &options, &NoProgress).unwrap();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     let made = adjust(&scene, &BundleOptions::default(), &NoProgress).unwrap();

@@ -22,7 +22,7 @@ const MIN_FILL_DIRECTIONS: usize = 5;
 const DIRECTIONS: [(i64, i64); 8] = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 /// Share of steps in the matched surface around a cell below which the surface there is terrain. Towns have 1.8 %, mountains
 /// 0.1 %, a house of 10 x 10 m in a field 0.6 %.
-const TERRAIN_STEPS: f32 = 0.004;
+const TERRAIN_STEPS: f32 = 0.006;
 /// Number of cells beyond a border over which the slope of the surface is taken.
 const SLOPE_CELLS: i64 = 8;
 /// Number of passes that smooth what was filled.
