@@ -127,7 +127,7 @@ pub struct Options {
     /// The schedule is scaled in proportion.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = "Training")]
     iterations: Option<u32>,
-    /// Stop at the surface that matching finds: heights, orthophoto and confidence, no trained splats
+    /// Stop at the matched surface: heights, orthophoto, confidence
     ///
     /// For two or three images the heights are those of a run with splats; for four images and more, training makes them better.
     #[arg(long, conflicts_with_all = ["iterations", "snapshots", "resume"], help_heading = "Training")]

@@ -26,23 +26,23 @@ struct Known {
 const KNOWN: [Known; 4] = [
     Known {
         recipe: "best",
-        figures: [433.0, 13802.0, 156.836],
-        hashes: &[("GenuineIntel avx512", ["77a620ffca8918ba", "498e59a90433cdb8", "1d2f6a8bc4582bb0"])],
+        figures: [433.0, 13870.0, 156.824],
+        hashes: &[("GenuineIntel avx512", ["e5474f145c43badf", "69422e7d70b3900f", "355311ec785dc7d2"])],
     },
     Known {
         recipe: "growing",
-        figures: [433.0, 149313.0, 157.339],
-        hashes: &[("GenuineIntel avx512", ["77a620ffca8918ba", "644afb421937a447", "1ca5f025db53e26d"])],
+        figures: [433.0, 152205.0, 157.371],
+        hashes: &[("GenuineIntel avx512", ["e5474f145c43badf", "078e0e02204db17f", "525ed1e6102273ac"])],
     },
     Known {
         recipe: "baeogs",
-        figures: [433.0, 7661.0, 143.618],
-        hashes: &[("GenuineIntel avx512", ["77a620ffca8918ba", "4b7a07739fd7909d", "5bd11a65e6fa0594"])],
+        figures: [433.0, 7672.0, 143.620],
+        hashes: &[("GenuineIntel avx512", ["e5474f145c43badf", "0f642d96d1437fa6", "04bc5cc72a4de876"])],
     },
     Known {
         recipe: "eogs",
-        figures: [433.0, 52099.0, 149.575],
-        hashes: &[("GenuineIntel avx512", ["77a620ffca8918ba", "57a83c999b9abfa5", "d8dd74c84d4b0e50"])],
+        figures: [433.0, 52102.0, 149.556],
+        hashes: &[("GenuineIntel avx512", ["e5474f145c43badf", "29b7989c025ecda4", "aea995786e55a260"])],
     },
 ];
 /// Largest relative difference of the counts and difference of the height, metres, on other processors.

@@ -50,6 +50,7 @@ mod scene_lists;
 mod season_colors;
 mod simulated_photographs;
 mod simulated_surfaces;
+mod surface_first;
 mod tiles;
 mod validity;
 mod view;
