@@ -131,7 +131,7 @@ pub fn read_heights(
 impl ImageFile {
     /// An error if the first band declares that it holds something else than heights. Colours and class codes differ from a
     /// surface model as an error of metres does, so that no later check would find them.
-    fn require_heights(&self) -> Result<(), RasterError> {
+    pub(crate) fn require_heights(&self) -> Result<(), RasterError> {
         let band = self.dataset.rasterband(1).map_err(|_| self.no_band(1))?;
         let refused = |found: String| Err(RasterError::NotHeights { path: self.path().into(), found });
         let description = band.description().unwrap_or_default().to_lowercase();

@@ -6,16 +6,17 @@ use satgs::io::ImageFile;
 use satgs::pipeline::{PipelineError, RunOptions, TrainOptions, run};
 use satgs::progress::{Event, Progress};
 use satgs::scene::{self, ReadOptions};
-use satgs::simulate::{SimulateOptions, simulate};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A scene of so many views of a simulated town.
-fn town(folder: &Path, views: usize) -> PathBuf {
+/// A scene of two views of the town.
+fn pair(folder: &Path) -> PathBuf {
     let scene = folder.join("scene");
-    let options = SimulateOptions { views, size_px: 100, ..SimulateOptions::default() };
-    simulate(&scene, &options, &satgs::progress::NoProgress).unwrap();
+    std::fs::create_dir(&scene).unwrap();
+    for view in ["VIEW_01.tif", "VIEW_02.tif"] {
+        std::fs::copy(Path::new("data/town").join(view), scene.join(view)).unwrap();
+    }
     scene
 }
 
@@ -48,7 +49,7 @@ impl Progress for UntilTraining {
 #[test]
 fn the_surface_of_a_pair_is_complete_before_its_splats_are_trained() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = scene::read(&town(folder.path(), 2), &ReadOptions::default()).unwrap();
+    let scene = scene::read(&pair(folder.path()), &ReadOptions::default()).unwrap();
     let (out, progress) = (folder.path().join("run"), UntilTraining::default());
     let train = TrainOptions { iterations: Some(20), ..TrainOptions::default() };
     let options = RunOptions { train, ..RunOptions::default() };
@@ -70,7 +71,7 @@ fn the_surface_of_a_pair_is_complete_before_its_splats_are_trained() {
 #[test]
 fn a_run_without_splats_has_the_heights_of_one_with_splats() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = town(folder.path(), 2);
+    let scene = pair(folder.path());
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (scene, bare, whole) = (scene.to_str().unwrap(), path("bare"), path("whole"));
     let said = text(&succeeds(&["run", scene, "-o", &bare, "--no-splats"]));
