@@ -1,7 +1,7 @@
 //! Of two and three views, training does not change the heights: the surface is complete before it starts, and may be all that
 //! is wanted.
 
-use crate::common::{refused, succeeds, text};
+use crate::common::{refused, succeeds};
 use satgs::io::ImageFile;
 use satgs::pipeline::{PipelineError, RunOptions, TrainOptions, run};
 use satgs::progress::{Event, Progress};
@@ -74,7 +74,8 @@ fn a_run_without_splats_has_the_heights_of_one_with_splats() {
     let scene = pair(folder.path());
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (scene, bare, whole) = (scene.to_str().unwrap(), path("bare"), path("whole"));
-    let said = text(&succeeds(&["run", scene, "-o", &bare, "--no-splats"]));
+    let said = succeeds(&["run", scene, "-o", &bare, "--no-splats"]).stdout;
+    let said = String::from_utf8(said).unwrap();
     assert!(said.contains("no splats are trained"), "{said}");
     succeeds(&["run", scene, "-o", &whole, "--iterations", "5"]);
     assert_eq!(heights(Path::new(&bare)), heights(Path::new(&whole)));
