@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn a_town_has_steps_and_a_steep_slope_has_none() {
         let share = |z: fn(usize, usize) -> f32| {
-            let altitude = Grid2::from_fn(90, 90, |col, row| z(col, row));
+            let altitude = Grid2::from_fn(90, 90, z);
             share_of_steps(&altitude, 0.5, 1.5, 20).at(45, 45)
         };
         assert_eq!(share(|col, row| 0.7 * (col + row) as f32), 0.0);
