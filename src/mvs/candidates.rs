@@ -1,7 +1,7 @@
 //! Where the surface may lie: altitudes in the cells of a coarse grid.
 
 use crate::affine::SiteScene;
-use crate::frame::{SiteBox, SiteGrid};
+use crate::frame::{Point, Site, SiteBox, SiteGrid};
 use crate::io::MapGrid;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -70,11 +70,10 @@ impl Candidates {
         Some((low.max(self.searched.0), high.min(self.searched.1)))
     }
 
-    /// Whether the surface may lie at a place, site metres.
-    pub fn is_near(&self, [x, y, z]: [f64; 3]) -> bool {
-        let plane = ((z - self.low_m) / self.step_m).round().clamp(0.0, self.planes as f64 - 1.0) as usize;
-        let (columns, rows) = self.cells((x, y, x, y));
-        self.is_set(rows.start * self.grid.width + columns.start, plane)
+    /// The altitudes at which the surface may lie at a place; the altitude of the place does not count.
+    pub fn at(&self, place: Point<Site>) -> AltitudesAt<'_> {
+        let (columns, rows) = self.cells((place.x(), place.y(), place.x(), place.y()));
+        AltitudesAt { all: self, cell: rows.start * self.grid.width + columns.start }
     }
 
     /// Number of words of a cell.
@@ -106,6 +105,21 @@ impl Candidates {
         };
         let columns = within(west + x - self.grid.west, east + x - self.grid.west, self.grid.width);
         (columns, within(self.grid.north - y - north, self.grid.north - y - south, self.grid.height))
+    }
+}
+
+/// The altitudes at which the surface may lie in a cell.
+pub(super) struct AltitudesAt<'a> {
+    all: &'a Candidates,
+    cell: usize,
+}
+
+impl AltitudesAt<'_> {
+    /// Whether the surface may lie at an altitude, site metres.
+    pub fn contains(&self, altitude: f64) -> bool {
+        let Candidates { low_m, step_m, planes, .. } = self.all;
+        let plane = ((altitude - low_m) / step_m).round().clamp(0.0, *planes as f64 - 1.0);
+        self.all.is_set(self.cell, plane as usize)
     }
 }
 

@@ -84,13 +84,14 @@ impl<'a> CostVolume<'a> {
         Self { ranges, costs }
     }
 
-    /// Raises the costs of the cells and planes for which this holds.
-    pub fn raise(&mut self, by: u8, is_raised: impl Fn(usize, usize) -> bool + Sync) {
+    /// Raises the costs of the planes of cells for which this holds; `of_cell` is called once for each cell.
+    pub fn raise<F: Fn(usize) -> bool>(&mut self, by: u8, of_cell: impl Fn(usize) -> F + Sync) {
         let ranges = self.ranges;
         let lengths = (0..ranges.cells()).map(|cell| ranges.planes(cell).len());
         PlaneRanges::split(&mut self.costs, lengths).into_par_iter().enumerate().for_each(|(cell, costs)| {
             let seen = ranges.planes(cell).zip(costs).filter(|(_, cost)| **cost != Self::UNSEEN);
-            for (_, cost) in seen.filter(|(plane, _)| is_raised(cell, *plane)) {
+            let is_raised = of_cell(cell);
+            for (_, cost) in seen.filter(|(plane, _)| is_raised(*plane)) {
                 *cost = cost.saturating_add(by).min(Self::UNCORRELATED);
             }
         });

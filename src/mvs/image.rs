@@ -56,11 +56,11 @@ impl MatchImage {
         Self { camera: self.camera.rescaled((factor as f64).recip()), gray, valid: None, ..*self }
     }
 
-    /// East, north and altitude, site metres, of what a pixel shows that lies at an altitude.
-    pub fn point(&self, pixel: usize, altitude: f32) -> [f64; 3] {
+    /// What a pixel shows that lies at an altitude, site metres.
+    pub fn point(&self, pixel: usize, altitude: f32) -> Point<Site> {
         let px = Pixel::new((pixel % self.gray.width) as f64, (pixel / self.gray.width) as f64);
         let [x, y] = self.camera.localize(px, f64::from(altitude));
-        [x, y, f64::from(altitude)]
+        Point::new(x, y, f64::from(altitude))
     }
 
     /// Gray value at the projection of a point, bilinear, in standard deviations above the mean of the image;

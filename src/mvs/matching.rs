@@ -63,10 +63,10 @@ impl PlaneSweep {
     fn near_candidates(&self, visibility: Option<&Visibility>) -> CostVolume<'_> {
         let mut volume = CostVolume::correlate(self, visibility);
         if let Some(candidates) = &self.candidates {
-            volume.raise(FAR_COST, |cell, plane| {
+            volume.raise(FAR_COST, |cell| {
                 let (col, row) = (cell % self.grid.width, cell / self.grid.width);
-                let p = self.site.site_from_utm(self.grid.cell_center(col, row));
-                !candidates.is_near([p.x(), p.y(), f64::from(self.stack.altitude(cell, plane as f32))])
+                let near = candidates.at(self.site.site_from_utm(self.grid.cell_center(col, row)));
+                move |plane| !near.contains(f64::from(self.stack.altitude(cell, plane as f32)))
             });
         }
         volume

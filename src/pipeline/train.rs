@@ -187,6 +187,7 @@ fn train_heights(
 fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splats: usize) -> Trained {
     let fits = &cameras.setup.views;
     let views = cameras.appearances.len();
+    let of_images = |column| (!log.is_empty()).then(|| mean_of_last(log, views, column));
     Trained {
         iterations: log.len() as u32,
         seconds: log.last().map_or(0.0, |l| l.seconds),
@@ -194,8 +195,8 @@ fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splat
         splats,
         camera_rms_px: Some(mean(fits.iter().map(|v| v.rms_px))),
         camera_max_px: Some(fits.iter().map(|v| v.max_px).fold(0.0, f64::max)),
-        l1: mean_of_last(log, views, "l1"),
-        ssim: mean_of_last(log, views, "ssim"),
+        l1: of_images("l1"),
+        ssim: of_images("ssim"),
         colors: None,
     }
 }

@@ -62,10 +62,9 @@ impl Outcome<Trained> {
     }
 }
 
-/// Mean of a column of the log over the last iteration of each of so many views; none of an empty log.
-pub(super) fn mean_of_last(log: &[LogLine], views: usize, column: &str) -> Option<f64> {
-    let last = &log[log.len().saturating_sub(views)..];
-    (!last.is_empty()).then(|| mean(last.iter().map(|line| line.column(column))))
+/// Mean of a column of the log over the last iteration of each of so many views; NaN of an empty log.
+pub(super) fn mean_of_last(log: &[LogLine], views: usize, column: &str) -> f64 {
+    mean(log[log.len().saturating_sub(views)..].iter().map(|line| line.column(column)))
 }
 
 /// Mean of values; NaN if there are none.

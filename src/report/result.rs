@@ -6,8 +6,10 @@ use super::{ReportError, map};
 use crate::bundle::Report;
 use crate::dsm::CellCounts;
 use crate::io::{HeightSystem, ImageFile, VerticalReference, escape_xml};
+use crate::mvs::PlaneSweep;
 use crate::run_files::{
-    ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, EVALUATION, METRICS, NVS_SCORES, ORTHO, SCENE, STAGE,
+    ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, EVALUATION, METRICS, NVS_SCORES, ORTHO, PREDICT_STAGE,
+    SCENE, STAGE,
 };
 use crate::scene::{Role, Scene, angle_between_deg};
 use crate::splat::train::expectation::{Extent, best_convergence_deg};
@@ -22,7 +24,8 @@ const COMPLETE: f64 = 0.99;
 /// Share of the cells with a height below which few of them are confirmed.
 const FEW_CONFIRMED: f64 = 0.5;
 /// Stages whose record holds the command, from the last one.
-const STAGES: [&str; 4] = ["dsm", "train", ADJUSTMENT, "predict"];
+const STAGES: [&str; 4] = ["dsm", TRAINING_STAGE, ADJUSTMENT, PREDICT_STAGE];
+const TRAINING_STAGE: &str = "train";
 
 /// A figure: its name, its value, and what it means.
 type Fact = (&'static str, String, String);
@@ -42,7 +45,9 @@ pub fn result(run: &Path) -> Result<String, ReportError> {
 
     let mut facts: Vec<Fact> = Vec::new();
     let scored = scores.as_ref().and_then(score_fact);
-    facts.extend(scored.or_else(|| scene.as_ref().and_then(expected_fact)));
+    let training = read_if_present::<Value>(&run.join(TRAINING_STAGE).join(STAGE))?;
+    let expected = || expected_fact(scene.as_ref()?, &training?["made_from"]);
+    facts.extend(scored.or_else(expected));
     facts.extend(counts.as_ref().map(surface_fact));
     facts.extend(novel.as_ref().and_then(novel_fact));
     facts.extend(report.as_ref().map(|r| {
@@ -79,11 +84,16 @@ fn score_fact(scores: &Value) -> Option<Fact> {
     Some(("Height error", format!("{mae:.2} m"), meaning))
 }
 
-/// The error to expect of a scene that has not been scored.
-fn expected_fact(scene: &Scene) -> Option<Fact> {
+/// The error to expect of a scene that has not been scored, if its heights were `made_from` what such errors were measured with:
+/// recipe `best`, trained to its end where training changes the heights.
+fn expected_fact(scene: &Scene, made_from: &Value) -> Option<Fact> {
     let (low, high) = scene.height_range();
     let middle = 0.5 * (low + high);
     let views: Vec<_> = scene.views.iter().filter(|view| view.role == Role::Train).collect();
+    let best = Recipe::named(Recipe::NAMES[0])?;
+    if !is_as_measured(made_from, &best, views.len()) {
+        return None;
+    }
     let directions: Vec<(f64, f64)> = views.iter().filter_map(|view| view.direction_deg(middle)).collect();
     let pairs =
         directions.iter().enumerate().flat_map(|(i, a)| directions[i + 1..].iter().map(move |b| (a, b)));
@@ -94,13 +104,20 @@ fn expected_fact(scene: &Scene) -> Option<Fact> {
         gsd_m: quantile(sizes.collect(), 0.5)?,
         area_m2: 0.0,
     };
-    let expected = extent.expectation(&Recipe::named(Recipe::NAMES[0])?, 1);
+    let expected = extent.expectation(&best, 1);
     let meaning = format!(
         "mean expected of {} views, from simulated towns{}; --truth scores it",
         extent.views,
         if expected.is_measured { "" } else { ", with a better convergence than here" }
     );
     Some(("Height error", format!("about {:.1} m", expected.error_m), meaning))
+}
+
+/// Whether the heights of so many views were made as those whose errors were measured.
+fn is_as_measured(made_from: &Value, best: &Recipe, views: usize) -> bool {
+    let usual = best.clone().for_views(views).iterations.to_string();
+    let is_whole = made_from["--iterations"] == usual.as_str() && made_from["--no-splats"].is_null();
+    made_from["--recipe"] == best.name.as_str() && (is_whole || !PlaneSweep::can_refine(views))
 }
 
 fn surface_fact(counts: &CellCounts) -> Fact {
@@ -196,4 +213,23 @@ fn command(run: &Path) -> Result<Option<String>, ReportError> {
         }
     }
     Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn an_error_is_expected_only_of_heights_that_are_made_as_the_measured_ones() {
+        let best = Recipe::named(Recipe::NAMES[0]).unwrap();
+        let whole = |views: usize| best.clone().for_views(views).iterations.to_string();
+        let of = |recipe: &str, iterations: &str, views| {
+            is_as_measured(&json!({ "--recipe": recipe, "--iterations": iterations }), &best, views)
+        };
+        assert!(of("best", &whole(8), 8) && of("best", &whole(2), 2) && of("best", "5", 2));
+        assert!(!of("best", "5", 8) && !of("eogs", &whole(8), 8) && !of("eogs", &whole(2), 2));
+        let bare = json!({ "--recipe": "best", "--iterations": whole(8), "--no-splats": "given" });
+        assert!(!is_as_measured(&bare, &best, 8) && is_as_measured(&bare, &best, 2));
+    }
 }

@@ -10,6 +10,7 @@ use super::terrain::SurfaceFiles;
 use super::texture::{Albedo, scaled};
 use crate::frame::{Geodetic, Point, Site, SiteGrid};
 use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, read_heights};
+use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -277,9 +278,11 @@ impl Texture {
             }
         }
         let mut levels: Vec<f32> = bands.iter().flat_map(Grid2::valid).collect();
-        levels.sort_by(f32::total_cmp);
-        let quantile = |q: f64| levels.get((q * (levels.len().max(1) - 1) as f64) as usize).copied();
-        let (black, white) = quantile(TAIL).zip(quantile(1.0 - TAIL)).ok_or_else(outside)?;
+        if levels.is_empty() {
+            return Err(outside());
+        }
+        let [black, white] =
+            [TAIL, 1.0 - TAIL].map(|q| interpolated_quantile_in_place(&mut levels, q) as f32);
         let sampled = |values| Sampled::new(values, &cells, &place.map, window, each);
         Ok(Self { bands: bands.into_iter().map(sampled).collect(), black, white })
     }

@@ -8,7 +8,7 @@ use super::plan::{
     Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView, adjustment_hash, to_json,
 };
 use super::plan_options::{CORE_PER_OVERLAP, PlanOptions, RECIPE, fingerprint};
-use crate::affine::{MIN_POINTS, SiteScene, height_bounds, sun_direction, with_margins};
+use crate::affine::{MIN_POINTS, SiteScene, sun_direction, with_margins};
 use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm, wrap_longitude_deg};
 use crate::io::{ImageFile, MapGrid, Window, write_file, write_json};
@@ -17,6 +17,7 @@ use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, DSM, PLAN, STAGE, TILES};
 use crate::scene::{Aoi, ReadCost, Role, Scene, View, angle_between_deg, require_tiled_images};
 use crate::splat::train::recipe::Recipe;
+use crate::stats::bounds;
 use std::path::Path;
 
 /// Smallest side of a core that planning chooses to stay within a given memory, metres.
@@ -427,7 +428,7 @@ impl<'a> Planner<'a> {
             return self.heights_m;
         }
         let around = |found| with_margins(found, (low, high)).into();
-        height_bounds(&heights).map_or(self.heights_m, around)
+        bounds(heights.into_iter()).map_or(self.heights_m, around)
     }
 
     /// The views of a tile, by the places of its overlap box that each view of the scene shows: those that show much of what

@@ -83,7 +83,9 @@ fn altitude_map(sweep: &PlaneSweep, reference: &ReferenceView, most: f64) -> Alt
         let costs = RayCosts::new(&strip, &sources, &rays, &ranges);
         let mut found = AltitudeMap::optimized(&strip, &rays, &costs);
         if let Some(candidates) = &sweep.candidates {
-            found.keep(|pixel, altitude| candidates.is_near(strip.point(pixel, altitude)));
+            found.keep(|pixel, altitude| {
+                candidates.at(strip.point(pixel, altitude)).contains(f64::from(altitude))
+            });
         }
         map.copy_rows(own, &found, matched.start);
     }

@@ -131,8 +131,8 @@ pub fn train_locked(
         iterations: recipe.iterations,
         seconds: log.last().map_or(0.0, |l| l.seconds),
         splats: backend.snapshot()?.splats.len(),
-        l1: mean_of_last(&log, views.len(), "l1").unwrap_or(f64::NAN),
-        ssim: mean_of_last(&log, views.len(), "ssim").unwrap_or(f64::NAN),
+        l1: mean_of_last(&log, views.len(), "l1"),
+        ssim: mean_of_last(&log, views.len(), "ssim"),
     };
     let visibility = (0..views.len()).map(|view| backend.visibility(view)).collect::<Result<Vec<_>, _>>()?;
     write(run, &setup, scene, visibility, (cube, recipe), backend.snapshot()?)?;
