@@ -44,7 +44,7 @@ pub struct AdjustOptions {
 pub struct DemOptions {
     /// The raster.
     pub path: PathBuf,
-    /// VerticalReference reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
+    /// Vertical reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
     pub vertical: Option<String>,
     /// Standard deviation, metres, with which it constrains the scene's height; without one it only limits the search.
     pub sigma_m: Option<f64>,

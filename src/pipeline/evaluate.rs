@@ -24,7 +24,7 @@ pub struct EvaluateOptions {
     pub classes: Option<PathBuf>,
     /// Polygons, or a raster on the truth's grid that is not 0 inside: the inside and the outside are scored apart.
     pub mask: Option<PathBuf>,
-    /// VerticalReference reference of the truth's heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file
+    /// Vertical reference of the truth's heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file
     /// says.
     pub vertical: Option<String>,
     /// EPSG code of a point cloud that does not state its own.

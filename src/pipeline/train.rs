@@ -14,6 +14,7 @@ use super::{
     PipelineError, RunLock, TrainedCameras, appearance, outdated, perspective, read_scene, relocation,
 };
 use crate::affine::{SiteSceneError, median_pixel_m};
+use crate::mvs::MatchedSurface;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, SPLATS};
@@ -22,6 +23,7 @@ use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::loss::{Prior, TermInputs};
+use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::expectation::Extent;
 use crate::splat::train::recipe::Recipe;
@@ -46,7 +48,7 @@ pub fn train(
     let _lock = RunLock::existing(run)?;
     require_one_area(run)?;
     require_no_tile(run)?;
-    let outcome = train_locked(run, options, progress, &mut || Ok(()))?;
+    let outcome = train_locked(run, options, progress, &mut |_| Ok(()))?;
     if matches!(outcome, Outcome::Made(_)) {
         outdated::say_outdated(run, progress)?;
         renew_report(run)?;
@@ -54,8 +56,15 @@ pub fn train(
     Ok(outcome)
 }
 
-/// What is done before splats are trained, if training will not change the heights of the surface.
-pub(crate) type SurfaceIsKnown<'a> = &'a mut dyn FnMut() -> Result<(), PipelineError>;
+/// A surface whose heights training will not change, with the cameras and splats that training starts from.
+pub(crate) struct KnownSurface<'a> {
+    pub cameras: TrainedCameras,
+    pub splats: &'a Splats,
+    pub heights: &'a MatchedSurface,
+}
+
+/// What is done with a known surface before splats are trained.
+pub(crate) type SurfaceIsKnown<'a> = &'a mut dyn FnMut(KnownSurface) -> Result<(), PipelineError>;
 
 /// As [`train`]; the caller holds the lock.
 pub(crate) fn train_locked(
@@ -164,9 +173,10 @@ fn train_heights(
         state,
     )?;
     if !options.no_splats {
-        if is_new && first.is_some() && !training.refines_surface() {
-            training.write(&mut backend, &views, first.as_ref(), &log)?;
-            surface_is_known()?;
+        if let Some(heights) = first.as_ref().filter(|_| is_new && !training.refines_surface()) {
+            let start = backend.snapshot()?;
+            let cameras = training.cameras(start, &views, first.as_ref());
+            surface_is_known(KnownSurface { cameras, splats: &start.splats, heights })?;
         }
         progress.event(Event::Resumable(true));
         let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);

@@ -21,6 +21,7 @@ use crate::splat::init;
 use crate::splat::ply;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
+use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::{Recipe, Start};
 use crate::splat::train::{LogLine, pictures};
 use std::path::Path;
@@ -197,6 +198,22 @@ impl<'a> Training<'a> {
         PlaneSweep::can_refine(views) && !self.options.no_splats
     }
 
+    /// The cameras of a state of the training.
+    pub fn cameras(
+        &self,
+        state: &TrainingState,
+        views: &[TrainingView],
+        from: Option<&MatchedSurface>,
+    ) -> TrainedCameras {
+        let names = views.iter().map(|v| v.name.clone());
+        TrainedCameras {
+            setup: self.setup.clone(),
+            appearances: names.zip(state.appearances.iter().map(|a| a.0.clone())).collect(),
+            recipe: self.recipe.clone(),
+            is_matched: from.is_some(),
+        }
+    }
+
     /// Writes what training made, of the surface that it started `from`, if there is one.
     pub fn write(
         &self,
@@ -206,20 +223,18 @@ impl<'a> Training<'a> {
         log: &[LogLine],
     ) -> Result<TrainedCameras, PipelineError> {
         let sweep = from.filter(|_| self.refines_surface()).and_then(|_| self.sweep(views));
-        let names = views.iter().map(|v| v.name.clone());
-        let (run, recipe, setup) = (self.run, self.recipe.clone(), self.setup.clone());
+        let run = self.run;
         let made = backend.snapshot()?;
         if let Some(first) = from {
             let refined = sweep.map(|mut sweep| {
-                let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
+                let trained = altitudes(&made.splats, &self.setup.site, &sweep.grid());
                 sweep.refine(&trained, first)
             });
             refined.as_ref().unwrap_or(first).write(&run.join(SURFACE))?;
         }
         write_log(&run.join(TRAINING), log)?;
         pictures::curves(log).write(&run.join("train/curves.svg"))?;
-        let appearances = names.zip(made.appearances.iter().map(|a| a.0.clone())).collect();
-        let cameras = TrainedCameras { setup, appearances, recipe, is_matched: from.is_some() };
+        let cameras = self.cameras(made, views, from);
         cameras.write_splats(run, &made.splats)?;
         if cameras.recipe.then.is_some() {
             let shown = cameras.read_shown_splats(run)?;

@@ -89,7 +89,7 @@ impl Job<'_> {
         let started = std::time::Instant::now();
         reset_peak_memory();
         self.set_up(progress)?;
-        let trained = train_locked(&self.folder, &self.train_options()?, progress, &mut || Ok(()))?;
+        let trained = train_locked(&self.folder, &self.train_options()?, progress, &mut |_| Ok(()))?;
         let trained = trained.summary();
         dsm_locked(&self.folder, &self.dsm_options(), progress)?;
         let done = Done {

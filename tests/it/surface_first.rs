@@ -58,6 +58,7 @@ fn the_surface_of_a_pair_is_complete_before_its_splats_are_trained() {
     for product in ["dsm.tif", "ortho.tif", "confidence.tif", "dsm.qml"] {
         assert!(out.join(product).exists(), "{product}");
     }
+    assert!(!out.join("splats.ply").exists(), "no splats are trained yet");
     assert!(progress.notes.lock().unwrap().iter().any(|note| note.contains("and no height")));
     let first = heights(&out);
     assert!(first.iter().any(|z| !f32::from_bits(*z).is_nan()));
