@@ -39,7 +39,7 @@ impl Dsm {
     /// # Errors
     /// [`WriteError`] if the file cannot be written.
     pub fn write_confidence(&self, path: &Path) -> Result<(), WriteError> {
-        let Confidence { opacity, spread, views } = &self.confidence;
+        let Confidence { opacity, spread, views, .. } = &self.confidence;
         let expected_error = self.expected_error();
         let bands = [
             ("opacity", "", opacity),
