@@ -62,7 +62,19 @@ fn mountain_seen_from(views: [&str; 2]) -> (f64, String) {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (scene, run) = (path("scene"), path("run"));
     let [a, b] = [format!("{},2024-08-20T10:30", views[0]), format!("{},2024-08-20T10:31", views[1])];
-    succeeds(&["simulate", &scene, "--mountains", "--seed", "5", "--size", "260", "--view", &a, "--view", &b]);
+    succeeds(&[
+        "simulate",
+        &scene,
+        "--mountains",
+        "--seed",
+        "5",
+        "--size",
+        "260",
+        "--view",
+        &a,
+        "--view",
+        &b,
+    ]);
     let truth = std::fs::read_dir(Path::new(&scene).join("truth")).unwrap().map(|f| f.unwrap().path());
     let truth = truth.into_iter().find(|f| f.to_str().unwrap().ends_with("_DSM.tif")).unwrap();
     let done = succeeds(&["run", &scene, "-o", &run, "--no-splats", "--truth", truth.to_str().unwrap()]);
