@@ -1,0 +1,96 @@
+//! Matching of photographs of a simulated room with a box in it.
+
+use super::*;
+use crate::frame::Pixel;
+use crate::progress::NoProgress;
+use crate::random::CounterRng;
+use crate::stats::quantile;
+use glam::{DMat3, DVec2, DVec3};
+
+const SIZE: (usize, usize) = (192, 144);
+/// Side of the knots of the texture, metres.
+const KNOT_M: f64 = 0.05;
+
+/// Smooth noise from 0 to 1.
+fn noise(p: DVec3) -> f64 {
+    let p = p / KNOT_M;
+    let (base, part) = (p.floor(), p - p.floor());
+    let knot = |k: usize| {
+        let corner = DVec3::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2 & 1) as f64);
+        let at = (base + corner).to_array().map(|v| v as i64 as u64);
+        let weight = (DVec3::ONE - corner - part).abs();
+        weight.x * weight.y * weight.z * CounterRng::new(at[0], 1, at[1], at[2]).uniform()
+    };
+    (0..8).map(knot).sum()
+}
+
+/// Distance along a ray at which it enters or leaves a box; infinite if it misses it.
+fn box_distance(from: DVec3, along: DVec3, low: DVec3, high: DVec3, is_inside: bool) -> f64 {
+    let (a, b) = ((low - from) / along, (high - from) / along);
+    let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+    match is_inside {
+        true => leave,
+        false if enter > 0.0 && enter < leave => enter,
+        false => f64::INFINITY,
+    }
+}
+
+/// The photograph of a camera, and its depths. The wall ahead has no texture in the half with positive x if it is `bare`.
+fn photograph(camera: PinholeCamera, is_bare: bool) -> (Photograph, Grid2) {
+    let hit = |col: usize, row: usize| {
+        let along = DVec3::from_array(camera.ray(Pixel::new(col as f64, row as f64)));
+        let room =
+            box_distance(camera.center, along, DVec3::new(-2.0, -1.2, -1.0), DVec3::new(2.0, 1.2, 3.0), true);
+        let block =
+            box_distance(camera.center, along, DVec3::new(-0.5, 0.2, 1.5), DVec3::new(0.1, 1.2, 2.0), false);
+        camera.center + along * room.min(block)
+    };
+    let gray = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| {
+        let p = hit(col, row);
+        if is_bare && p.z > 2.99 && p.x > 0.3 { 0.5 } else { noise(p) as f32 }
+    });
+    let depth = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| {
+        (camera.cam_from_site * (hit(col, row) - camera.center)).z as f32
+    });
+    (Photograph::new(camera, gray), depth)
+}
+
+/// A camera near the origin that looks ahead.
+fn camera(center: DVec3, turned: f64) -> PinholeCamera {
+    PinholeCamera {
+        cam_from_site: DMat3::from_rotation_y(turned),
+        center,
+        focal: DVec2::splat(150.0),
+        principal: DVec2::new(95.5, 71.5),
+        size: SIZE,
+    }
+}
+
+fn cameras() -> Vec<PinholeCamera> {
+    (0..6)
+        .map(|k| {
+            let x = 0.22 * (f64::from(k) - 2.5);
+            camera(DVec3::new(x, 0.1 * f64::from(k % 2), 0.05 * f64::from(k % 3)), 0.12 * x)
+        })
+        .collect()
+}
+
+/// The share of pixels with a depth, and the median and the 95 % quantile of the errors, as shares of the depth.
+fn errors(found: &Grid2, truth: &Grid2) -> (f64, f64, f64) {
+    let errors: Vec<f64> =
+        found.data.iter().zip(&truth.data).map(|(a, b)| f64::from(a / b - 1.0).abs()).collect();
+    let known: Vec<f64> = errors.iter().copied().filter(|e| !e.is_nan()).collect();
+    let at = |share| quantile(known.clone(), share).unwrap_or(f64::INFINITY);
+    (known.len() as f64 / errors.len() as f64, at(0.5), at(0.95))
+}
+
+#[test]
+fn depths_of_a_room_are_complete_and_exact() {
+    let (views, truth): (Vec<_>, Vec<_>) = cameras().into_iter().map(|c| photograph(c, false)).unzip();
+    let found = match_photographs(views, &NoProgress).unwrap();
+    for (view, truth) in found.iter().zip(&truth) {
+        let (complete, median, most) = errors(&view.depth, truth);
+        println!("{complete:.3} {median:.5} {most:.5} {:?}", view.sources);
+        assert!(complete > 0.8 && median < 0.003 && most < 0.02, "{complete} {median} {most}");
+    }
+}
