@@ -26,6 +26,7 @@ mod export;
 mod guide;
 mod inputs;
 mod layers;
+mod matched_photographs;
 mod mesh;
 mod metrics_peer;
 mod names;

@@ -27,7 +27,7 @@ use crate::perspective::PinholeCamera;
 use crate::progress::{Event, Interrupted, Progress};
 use neighbours::{best_sources, first_sources};
 use rayon::prelude::*;
-use search::Search;
+use search::{Resolution, Search};
 
 /// Views are matched at about this number of pixels, or a whole fraction of their size that comes near it.
 const PIXELS: f64 = 350_000.0;
@@ -145,11 +145,13 @@ impl Steps<'_> {
             self.progress.check()?;
             let search = Search::new(images, view, sources);
             let map = search.and_then(|search| {
-                let map = match near {
-                    None => search.everywhere(),
-                    Some(maps) => search.near(maps[view]?, coarse_factor(&images[view])),
-                };
-                Some((search.reference(), map))
+                Some(match near {
+                    None => (search.reference(Resolution::Low), search.everywhere()),
+                    Some(maps) => {
+                        let map = search.near(maps[view]?, coarse_factor(&images[view]));
+                        (search.reference(Resolution::Full), map)
+                    }
+                })
             });
             if let Some((reference, map)) = map {
                 found.places[view] = Some(found.maps.len());

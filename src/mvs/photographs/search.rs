@@ -12,7 +12,8 @@ use crate::stats::quantile;
 use glam::DVec2;
 use std::ops::Range;
 
-/// Distance between planes, pixels of the source view in which it is largest: at low resolution, and at full resolution.
+/// Distance between planes: at low resolution, pixels of the source view in which it is the median one, and at full resolution,
+/// pixels of that in which it is largest.
 const COARSE_STEP_PX: f64 = 1.0;
 const STEP_PX: f64 = 0.75;
 /// Greatest number of planes of the search at low resolution.
@@ -33,6 +34,15 @@ const AROUND_PX: usize = 3;
 const OUTLIERS: f64 = 0.03;
 /// Inverse depths of neighbouring pixels that differ by more than this many pixels' worth lie on two surfaces.
 const DISCONTINUITY_PX: f64 = 1.0;
+
+/// At which resolution a view is matched.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Resolution {
+    /// That of the search everywhere.
+    Low,
+    /// That of the maps.
+    Full,
+}
 
 /// A view and the source views that it is matched with.
 pub(super) struct Search<'a> {
@@ -67,13 +77,17 @@ impl<'a> Search<'a> {
         Some(Self { view, source_indices, image, sources, nearest, value_per_px, median_value_per_px })
     }
 
-    /// What the consistency check needs to know of the view.
-    pub fn reference(&self) -> ReferenceView {
+    /// What the consistency check needs to know of the view: at low resolution maps are as exact as the planes are close.
+    pub fn reference(&self, resolution: Resolution) -> ReferenceView {
+        let value_per_px = match resolution {
+            Resolution::Low => self.value_per_px.max(self.coarse_planes().0),
+            Resolution::Full => self.value_per_px,
+        };
         ReferenceView {
             view: self.view,
             sources: self.source_indices.to_vec(),
-            value_per_px: self.value_per_px,
-            discontinuity: (DISCONTINUITY_PX * self.value_per_px) as f32,
+            value_per_px,
+            discontinuity: (DISCONTINUITY_PX * value_per_px) as f32,
         }
     }
 

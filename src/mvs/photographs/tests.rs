@@ -7,9 +7,9 @@ use crate::random::CounterRng;
 use crate::stats::quantile;
 use glam::{DMat3, DVec2, DVec3};
 
-const SIZE: (usize, usize) = (192, 144);
+const SIZE: (usize, usize) = (128, 96);
 /// Side of the knots of the texture, metres.
-const KNOT_M: f64 = 0.05;
+const KNOT_M: f64 = 0.07;
 
 /// Smooth noise from 0 to 1.
 fn noise(p: DVec3) -> f64 {
@@ -35,8 +35,8 @@ fn box_distance(from: DVec3, along: DVec3, low: DVec3, high: DVec3, is_inside: b
     }
 }
 
-/// The photograph of a camera, and its depths. The wall ahead has no texture in the half with positive x if it is `bare`.
-fn photograph(camera: PinholeCamera, is_bare: bool) -> (Photograph, Grid2) {
+/// The photograph of a camera, and its depths.
+fn photograph(camera: PinholeCamera) -> (Photograph, Grid2) {
     let hit = |col: usize, row: usize| {
         let along = DVec3::from_array(camera.ray(Pixel::new(col as f64, row as f64)));
         let room =
@@ -45,10 +45,7 @@ fn photograph(camera: PinholeCamera, is_bare: bool) -> (Photograph, Grid2) {
             box_distance(camera.center, along, DVec3::new(-0.5, 0.2, 1.5), DVec3::new(0.1, 1.2, 2.0), false);
         camera.center + along * room.min(block)
     };
-    let gray = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| {
-        let p = hit(col, row);
-        if is_bare && p.z > 2.99 && p.x > 0.3 { 0.5 } else { noise(p) as f32 }
-    });
+    let gray = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| noise(hit(col, row)) as f32);
     let depth = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| {
         (camera.cam_from_site * (hit(col, row) - camera.center)).z as f32
     });
@@ -60,16 +57,16 @@ fn camera(center: DVec3, turned: f64) -> PinholeCamera {
     PinholeCamera {
         cam_from_site: DMat3::from_rotation_y(turned),
         center,
-        focal: DVec2::splat(150.0),
-        principal: DVec2::new(95.5, 71.5),
+        focal: DVec2::splat(100.0),
+        principal: DVec2::new(63.5, 47.5),
         size: SIZE,
     }
 }
 
 fn cameras() -> Vec<PinholeCamera> {
-    (0..6)
+    (0..5)
         .map(|k| {
-            let x = 0.22 * (f64::from(k) - 2.5);
+            let x = 0.22 * (f64::from(k) - 2.0);
             camera(DVec3::new(x, 0.1 * f64::from(k % 2), 0.05 * f64::from(k % 3)), 0.12 * x)
         })
         .collect()
@@ -86,11 +83,29 @@ fn errors(found: &Grid2, truth: &Grid2) -> (f64, f64, f64) {
 
 #[test]
 fn depths_of_a_room_are_complete_and_exact() {
-    let (views, truth): (Vec<_>, Vec<_>) = cameras().into_iter().map(|c| photograph(c, false)).unzip();
-    let found = match_photographs(views, &NoProgress).unwrap();
+    let (views, truth): (Vec<_>, Vec<_>) = cameras().into_iter().map(photograph).unzip();
+    let found = match_photographs(views.clone(), &NoProgress).unwrap();
+    let cameras: Vec<PinholeCamera> = views.iter().map(|view| *view.camera()).collect();
+    let depths: Vec<&Grid2> = found.iter().map(|view| &view.depth).collect();
+    let points = matched_points(&cameras, &depths, 2000);
+    assert!((1000..4000).contains(&points.len()), "{}", points.len());
     for (view, truth) in found.iter().zip(&truth) {
         let (complete, median, most) = errors(&view.depth, truth);
         println!("{complete:.3} {median:.5} {most:.5} {:?}", view.sources);
-        assert!(complete > 0.8 && median < 0.003 && most < 0.02, "{complete} {median} {most}");
+        // A pixel is about 4 % of the depth of the wall.
+        assert!(complete > 0.7 && median < 0.008 && most < 0.03, "{complete} {median} {most}");
     }
+}
+
+#[test]
+fn views_that_show_nothing_together_have_no_depths() {
+    let one = photograph(camera(DVec3::ZERO, 0.0)).0;
+    let same = match_photographs(vec![one.clone(), one.clone()], &NoProgress).unwrap();
+    let alone = match_photographs(vec![one.clone()], &NoProgress).unwrap();
+    let away = photograph(camera(DVec3::new(0.3, 0.0, 0.0), 2.5)).0;
+    let apart = match_photographs(vec![one, away], &NoProgress).unwrap();
+    for view in [same, alone, apart].concat() {
+        assert!(view.depth.data.iter().all(|z| z.is_nan()) && view.sources.is_empty());
+    }
+    assert!(match_photographs(Vec::new(), &NoProgress).unwrap().is_empty());
 }
