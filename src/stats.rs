@@ -16,6 +16,12 @@ pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by(rank.min(last), f64::total_cmp).1)
 }
 
+/// Lowest and highest of values; none for an empty list.
+#[must_use]
+pub fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.map(|v| (v, v)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
 /// The median of values, of an even number the mean of the two in the middle. None for an empty list.
 #[must_use]
 pub fn median(mut values: Vec<f64>) -> Option<f64> {

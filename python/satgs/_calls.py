@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from satgs import _satgs, events
+from satgs._arguments import check
 from satgs.errors import FailedError, SatgsWarning
 from satgs.events import Event, Progress
 from satgs.results import Adjusted, DsmSummary, Evaluation, Mosaicked, RunResult, Trained, from_json
@@ -81,6 +82,7 @@ def adjust(
         FailedError: A file cannot be written, or no solution was found.
     """
     options = locals()
+    check("adjust", options)
     return _adjusted(_satgs.adjust(scene, run, options, _warn if progress is None else progress))
 
 
@@ -89,6 +91,7 @@ def train(
     *,
     recipe: PathLike | None = None,
     iterations: int | None = None,
+    no_splats: bool | None = None,
     seed: int | None = None,
     checkpoint_every: int | None = None,
     resume: bool | None = None,
@@ -107,6 +110,8 @@ def train(
         run: The run folder of :func:`adjust`.
         recipe: Name of a recipe (``best``, ``baeogs``, ``eogs``, ``satgs``) or a TOML file. ``None``: ``best``.
         iterations: Number of iterations, to which the recipe's schedule is scaled. ``None``: the recipe's own.
+        no_splats: Stop at the surface that matching finds: no splats are trained. For two or three images the heights are those
+            of a run with splats; for more, training makes them better.
         seed: Seed of all random numbers; the same seed gives the same bytes. ``None``: 0.
         checkpoint_every: Number of iterations from one checkpoint to the next.
         resume: Fail unless there is a checkpoint to go on from.
@@ -121,6 +126,7 @@ def train(
         FailedError: A file cannot be written.
     """
     options = locals()
+    check("train", options)
     return _trained(_satgs.train(run, options, _warn if progress is None else progress))
 
 
@@ -163,6 +169,7 @@ def dsm(
         FailedError: A file cannot be written.
     """
     options = locals()
+    check("dsm", options)
     return _dsm_summary(_satgs.dsm(run, options, _warn if progress is None else progress))
 
 
@@ -203,6 +210,7 @@ def compare(
         FailedError: A file cannot be written.
     """
     options = locals()
+    check("compare", options)
     return from_json(Evaluation, _satgs.compare(dsm, truth, output, options, _warn if progress is None else progress))
 
 
@@ -227,6 +235,7 @@ def run(
     reference_views: Sequence[str] | None = None,
     recipe: PathLike | None = None,
     iterations: int | None = None,
+    no_splats: bool | None = None,
     seed: int | None = None,
     checkpoint_every: int | None = None,
     resume: bool | None = None,
@@ -276,6 +285,7 @@ def run(
     """
     # Scores are with the confidence of the run's own surface model.
     options = locals() | {"confidence": None}
+    check("run", options)
     results = dict(_satgs.run(scene, run, options, _warn if progress is None else progress))
 
     def of(stage: str, made: Callable[[tuple[str | None, bool]], T]) -> T | None:

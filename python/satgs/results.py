@@ -136,8 +136,8 @@ class Trained:
         splats: Number of splats at the end.
         camera_rms_px: Mean over the views of the root mean square distance between camera and RPC, pixels.
         camera_max_px: Largest such distance in any view, pixels.
-        l1: Mean absolute difference between rendered and real images (values from 0 to 1).
-        ssim: Structural similarity of rendered and real images.
+        l1: Mean absolute difference between rendered and real images (values from 0 to 1); ``None`` without splats.
+        ssim: Structural similarity of rendered and real images; ``None`` without splats.
         was_complete: Whether the run was trained already.
     """
 
@@ -147,8 +147,8 @@ class Trained:
     splats: int
     camera_rms_px: float
     camera_max_px: float
-    l1: float
-    ssim: float
+    l1: float | None
+    ssim: float | None
     was_complete: bool
 
 

@@ -5,7 +5,7 @@ use crate::error::exception;
 use crate::options::{AdjustArgs, DsmArgs, RunArgs, SceneArgs, TrainArgs, TruthArgs};
 use crate::work;
 use pyo3::prelude::*;
-use satgs::cli::CliError;
+use satgs::cli::{CliError, ExitStatus};
 use satgs::pipeline::{self, Outcome, PipelineError, StageResult};
 use satgs::progress::{Event, Progress};
 use satgs::scene::Scene;
@@ -91,7 +91,17 @@ pub fn set_threads(py: Python<'_>, threads: usize) -> PyResult<()> {
         return Err(exception(py, error));
     }
     let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    built.map_err(|e| exception(py, CliError::failed(e.to_string())))
+    built.map_err(|_| {
+        let error = CliError {
+            message: "satgs has begun to work: the number of threads is settled".into(),
+            hint: Some(
+                "call satgs.set_threads before any other call, or set RAYON_NUM_THREADS before Python starts"
+                    .into(),
+            ),
+            status: ExitStatus::Failed,
+        };
+        exception(py, error)
+    })
 }
 
 /// Runs the command line with these words, the first of which is the program's name; returns the exit code.

@@ -122,6 +122,7 @@ impl AdjustArgs {
 pub struct TrainArgs {
     recipe: Option<PathBuf>,
     iterations: Option<u32>,
+    no_splats: Option<bool>,
     seed: Option<u64>,
     checkpoint_every: Option<u32>,
     resume: Option<bool>,
@@ -138,6 +139,7 @@ impl TrainArgs {
         let options = TrainOptions {
             recipe: recipe.unwrap_or(default.recipe),
             iterations: self.iterations.or(default.iterations),
+            no_splats: self.no_splats.unwrap_or(default.no_splats),
             seed: self.seed.unwrap_or(default.seed),
             checkpoint_every: self.checkpoint_every.unwrap_or(default.checkpoint_every),
             resume: self.resume.unwrap_or(default.resume),

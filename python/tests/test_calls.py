@@ -238,14 +238,18 @@ def test_bad_input_is_an_input_error(run: Path, tmp_path: Path) -> None:
     assert not new.exists()
 
 
-def test_wrong_types_are_type_errors(run: Path) -> None:
-    for call in [
-        lambda: satgs.train(run, iterations="many"),  # type: ignore[arg-type]
-        lambda: satgs.train(7),  # type: ignore[arg-type]
-        lambda: satgs.adjust(TOWN, run, aoi=(1.0, 2.0)),  # type: ignore[arg-type]
-    ]:
-        with pytest.raises(TypeError):
+def test_wrong_types_are_type_errors_that_name_the_argument(run: Path) -> None:
+    wrong: list[tuple[str, Callable[[], object]]] = [
+        ("`iterations` is 'many', expected a whole number", lambda: satgs.train(run, iterations="many")),  # type: ignore[arg-type]
+        ("`run` is 7, expected a path", lambda: satgs.train(7)),  # type: ignore[arg-type]
+        ("4 values, each a number", lambda: satgs.adjust(TOWN, run, aoi=(1.0, 2.0, 3.0))),  # type: ignore[arg-type]
+        ("expected True or False", lambda: satgs.dsm(run, no_fill=1)),  # type: ignore[arg-type]
+    ]
+    for message, call in wrong:
+        with pytest.raises(TypeError, match=message):
             call()
+    with pytest.raises(satgs.InputError, match="`seed` is -1, expected a number from 0 on"):
+        satgs.train(run, seed=-1)
 
 
 def test_an_area_larger_than_a_tile_is_cut_into_tiles(tmp_path: Path) -> None:

@@ -17,5 +17,5 @@ pub use approximation::{GroundBox, Residual, residual};
 pub use camera::{ViewCamera, sun_direction};
 pub use fit::{CameraFit, FitError, Order, fit};
 pub use site_frame::SiteFrame;
-pub use site_scene::{MIN_POINTS, SiteScene, SiteSceneError, SiteView, height_bounds, with_margins};
+pub use site_scene::{MIN_POINTS, SiteScene, SiteSceneError, SiteView, with_margins};
 pub use training_view::{TrainingView, median_pixel_m};

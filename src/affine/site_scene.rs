@@ -6,7 +6,7 @@ use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
 use crate::io::{RasterError, Window};
 use crate::rpc::Rpc;
 use crate::scene::{Role, Scene, TransferFunction, View, default_aoi};
-use crate::stats::quantile;
+use crate::stats::{bounds, quantile};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -142,7 +142,7 @@ impl SiteScene {
         let heights: Vec<f64> = sparse.iter().map(|p| p.height_m()).collect();
         let too_few = || SiteSceneError::FewPoints { found, needed };
         let median = quantile(heights.clone(), 0.5).ok_or_else(too_few)?;
-        let found = height_bounds(&heights).ok_or_else(too_few)?;
+        let found = bounds(heights.iter().copied()).ok_or_else(too_few)?;
         let searched = scene.heights().with_tie_points(found).range();
         let usual = (quantile(heights.clone(), SPARSE_QUANTILES.0), quantile(heights, SPARSE_QUANTILES.1));
         let (low, high) = with_margins(usual.0.zip(usual.1).ok_or_else(too_few)?, searched);
@@ -283,13 +283,6 @@ impl SiteScene {
     pub fn reference_among_training(&self) -> usize {
         self.views[..self.reference].iter().filter(|v| v.role == Role::Train).count()
     }
-}
-
-/// Lowest and highest of heights; none without heights.
-#[must_use]
-pub fn height_bounds(heights: &[f64]) -> Option<(f64, f64)> {
-    let both = heights.iter().map(|h| (*h, *h));
-    both.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
 /// Lowest and highest height of splats around a surface or points between two heights, within those that are searched, metres.

@@ -5,7 +5,7 @@ use super::output::Adjustment;
 use super::report::BIN_PX;
 use crate::io::svg::{BLUE, GRAY};
 use crate::io::{Chart, Drawing};
-use crate::scene::Scene;
+use crate::scene::{Scene, short_names};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -15,12 +15,16 @@ pub const ADJUSTMENT_FIGURES: [&str; 4] = ["residuals.svg", "histogram.svg", "gr
 /// Longest side of a view's panel, and the distance between panels.
 const PANEL: f64 = 320.0;
 const GAP: f64 = 16.0;
+/// Room below a panel for the name of its view.
+const TEXT_GAP: f64 = 20.0;
 /// Factor by which residuals are enlarged, for a panel as wide as the image.
 const ENLARGEMENT: f64 = 40.0;
 /// Largest number of residuals that are drawn of a view, evenly chosen.
 const MAX_ARROWS: usize = 2000;
 /// Side of the graph of connections.
-const SIDE: f64 = 640.0;
+const SIDE: f64 = 480.0;
+/// Room around the graph for the names of the views.
+const NAMES: f64 = 60.0;
 /// Number of bins of the angles between rays, and their width, degrees.
 const ANGLE_BINS: usize = 35;
 const ANGLE_BIN_DEG: f64 = 2.0;
@@ -44,8 +48,8 @@ impl Adjustment {
     fn residuals(&self, scene: &Scene) -> Drawing {
         let columns = (self.cameras.len() as f64).sqrt().ceil().max(1.0);
         let rows = (self.cameras.len() as f64 / columns).ceil();
-        let pitch = PANEL + GAP;
-        let mut drawing = Drawing::new(columns * pitch + GAP, rows * pitch + GAP);
+        let (pitch, down) = (PANEL + GAP, PANEL + TEXT_GAP + GAP);
+        let mut drawing = Drawing::new(columns * pitch + GAP, rows * down + 2.0 * GAP);
         let mut of_views = vec![Vec::new(); self.cameras.len()];
         for observation in &self.observations {
             of_views[observation.view].push(observation);
@@ -53,7 +57,7 @@ impl Adjustment {
         for (i, (name, _)) in self.cameras.iter().enumerate() {
             let Some(view) = scene.views.iter().find(|v| v.name == *name) else { continue };
             let size = [view.width as f64, view.height as f64];
-            let corner = [(i as f64 % columns) * pitch + GAP, (i as f64 / columns).floor() * pitch + GAP];
+            let corner = [(i as f64 % columns) * pitch + GAP, (i as f64 / columns).floor() * down + GAP];
             let scale = PANEL / size[0].max(size[1]);
             let first = view.window.map_or([0.0; 2], |w| [w.col as f64, w.row as f64]);
             let [w, h] = size.map(|s| s * scale);
@@ -67,7 +71,11 @@ impl Adjustment {
                 [at, [at[0] + ENLARGEMENT * d_col, at[1] + ENLARGEMENT * d_row]]
             });
             drawing.lines(arrows, BLUE, 1.0);
+            drawing.text([corner[0], corner[1] + h + 0.5 * TEXT_GAP], "start", name);
         }
+        let [x, y] = [GAP, rows * (PANEL + TEXT_GAP + GAP) + GAP];
+        drawing.lines([[[x, y], [x + ENLARGEMENT, y]]].into_iter(), BLUE, 1.0);
+        drawing.text([x + ENLARGEMENT + 6.0, y], "start", "a residual of 1 px");
         drawing
     }
 
@@ -109,7 +117,8 @@ impl Adjustment {
         }
         let place = |view: usize| {
             let (sin, cos) = (TAU * view as f64 / self.cameras.len() as f64).sin_cos();
-            [0.5 * SIDE + (0.5 * SIDE - GAP) * sin, 0.5 * SIDE - (0.5 * SIDE - GAP) * cos]
+            let radius = 0.5 * SIDE - NAMES;
+            [0.5 * SIDE + radius * sin, 0.5 * SIDE - radius * cos]
         };
         let most = shared.values().copied().max().unwrap_or(1) as f64;
         for ((a, b), count) in shared {
@@ -119,6 +128,10 @@ impl Adjustment {
         for view in 0..self.cameras.len() {
             drawing.circle(place(view), 5.0, BLUE, true);
         }
+        let names: Vec<&str> = self.cameras.iter().map(|(name, _)| name.as_str()).collect();
+        let named: Vec<_> =
+            short_names(&names).into_iter().enumerate().map(|(view, name)| (place(view), name)).collect();
+        drawing.labels(&named);
         drawing
     }
 }

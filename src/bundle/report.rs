@@ -201,7 +201,12 @@ impl Report {
             "{} tracks, {} observations, mean reprojection {:.3} -> {:.3} px",
             self.tracks, self.observations, self.mean_before_px, self.mean_px
         );
-        let _ = writeln!(out, "datum: {}; rank defect {}", self.gauge, self.rank_defect);
+        let open = match self.rank_defect {
+            0 => String::new(),
+            1 => "; 1 combination of corrections is open without it".into(),
+            open => format!("; {open} combinations of corrections are open without it"),
+        };
+        let _ = writeln!(out, "datum: {}{open}", self.gauge);
         if !self.control.is_empty() {
             let (good, bad): (Vec<_>, Vec<_>) = self.control.iter().partition(|c| c.agrees);
             let (agree, all) = (good.len(), self.control.len());

@@ -22,38 +22,68 @@ pub struct Args {
     /// Run folder: the folder for all results
     #[arg(short, long, value_name = "RUN")]
     output: PathBuf,
-    /// Lowest and highest height of tie points and of the surface, metres above the ellipsoid [default: from
-    /// --dem, else from the images' metadata, else from the RPCs; the surface is then searched from at most 100 m below to
-    /// 200 m above the tie points]
-    #[arg(long, value_name = "LOW,HIGH", value_parser = parse_range, allow_hyphen_values = true)]
+    /// Lowest and highest height of tie points and of the surface, metres above the ellipsoid
+    ///
+    /// [default: from --dem, else from the images' metadata, else from the RPCs; the surface is then searched from at most 100 m
+    /// below to 200 m above the tie points]
+    #[arg(
+        long, value_name = "LOW,HIGH", value_parser = parse_range, allow_hyphen_values = true,
+        help_heading = "Matching"
+    )]
     height_range: Option<(f64, f64)>,
-    /// Elevation model that sets the heights to search: from 20 m below its lowest to 80 m above its highest height
-    #[arg(long, value_name = "FILE", conflicts_with = "height_range")]
+    /// Elevation model that gives the heights to search
+    ///
+    /// They reach from 20 m below its lowest to 80 m above its highest height.
+    #[arg(long, value_name = "FILE", conflicts_with = "height_range", help_heading = "Matching")]
     dem: Option<PathBuf>,
     /// Vertical reference of the elevation model: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: as its CRS or VERTICAL_REFERENCE says]
-    #[arg(long, value_name = "REFERENCE", requires = "dem")]
+    #[arg(
+        long,
+        value_name = "REFERENCE",
+        requires = "dem",
+        help_heading = "Matching",
+        hide_short_help = true
+    )]
     dem_vertical: Option<String>,
-    /// Constrain the height of the scene to the elevation model, with this standard deviation in metres (SRTM 10,
-    /// Copernicus 5); points far above it, such as roofs, get little weight [default: the height follows the delivered RPCs]
-    #[arg(long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_metres)]
+    /// Standard deviation in metres with which the elevation model constrains the height of the scene
+    ///
+    /// SRTM has 10 m, Copernicus 5 m. Points far above the model, such as roofs, get little weight [default: the height follows the
+    /// delivered RPCs].
+    #[arg(
+        long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_metres, help_heading = "Cameras",
+        hide_short_help = true
+    )]
     dem_sigma: Option<f64>,
-    /// Correction of every camera: `shift` (recommended for images up to 8,000 pixels a side and for any small
-    /// --aoi), `shift-scale` or
-    /// `affine`; the latter two need whole scenes, because crops are too small to tell a drift from noise
-    #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
+    /// Correction of each camera: `shift`, `shift-scale` or `affine`
+    ///
+    /// `shift` suits images up to 8,000 pixels a side and any small --aoi. The others need whole scenes, because crops are too small to
+    /// tell a drift from noise.
+    #[arg(
+        long, value_name = "MODEL", default_value = "shift", value_parser = parse_model, help_heading = "Cameras",
+        hide_short_help = true
+    )]
     model: CorrectionModel,
-    /// Ground control points, which then define the datum: CSV with the columns
-    /// lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px
-    #[arg(long, value_name = "FILE")]
+    /// Ground control points that fix the position of the scene
+    ///
+    /// A CSV file with the columns lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px.
+    #[arg(long, value_name = "FILE", help_heading = "Cameras")]
     gcps: Option<PathBuf>,
     /// View whose RPC is not corrected and defines the datum; repeatable
-    #[arg(long, value_name = "VIEW", conflicts_with = "fixed")]
+    #[arg(
+        long,
+        value_name = "VIEW",
+        conflicts_with = "fixed",
+        help_heading = "Cameras",
+        hide_short_help = true
+    )]
     reference: Vec<String>,
     /// Keep all RPCs as they are: compute tracks and points, and report how well the RPCs agree
-    #[arg(long)]
+    #[arg(long, help_heading = "Cameras", hide_short_help = true)]
     fixed: bool,
-    /// Compute again. Without this option results of the same input and options are kept, and those of others are an error
+    /// Compute again, also what was made with other options
+    ///
+    /// Without it results of the same input and options are kept, and those of others are an error.
     #[arg(long)]
     overwrite: bool,
 }

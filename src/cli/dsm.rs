@@ -32,31 +32,39 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "surface")]
 pub struct Options {
-    /// Side of a cell in metres; the extent is the trained area
-    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = parse_metres, conflicts_with = "like")]
+    /// Side of a cell, metres
+    ///
+    /// The extent is the trained area.
+    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = parse_metres, conflicts_with = "like", help_heading = "Products")]
     resolution: f64,
     /// Use the grid and extent of this raster
-    #[arg(long, value_name = "RASTER")]
+    #[arg(long, value_name = "RASTER", hide_short_help = true, help_heading = "Products")]
     like: Option<PathBuf>,
-    /// Vertical reference of dsm.tif: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
-    /// [default: that of RUN/dsm.tif if it exists, else the ellipsoid]
-    #[arg(long, value_name = "REFERENCE")]
+    /// Vertical reference of dsm.tif, such as `ellipsoid` or EGM2008
+    ///
+    /// `ellipsoid`, EGM84, EGM96, EGM2008, or a geoid grid: a .gtx or a .tif of PROJ [default: that of RUN/dsm.tif if it exists, else the ellipsoid].
+    #[arg(long, value_name = "REFERENCE", help_heading = "Products")]
     vertical: Option<String>,
     /// Interpolate holes up to this width, metres; confidence.tif has 0 views there [default: holes stay nodata]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", hide_short_help = true, help_heading = "Products")]
     fill: Option<f64>,
-    /// Leave cells that fewer than two views confirm as nodata. Without this option they are filled in from the cells around
-    /// them, and confidence.tif has fewer than two views there
-    #[arg(long, conflicts_with = "fill")]
+    /// Leave cells that fewer than two views confirm as nodata
+    ///
+    /// Without it they are filled in from the cells around them, and confidence.tif has fewer than two views there.
+    #[arg(long, conflicts_with = "fill", help_heading = "Products")]
     no_fill: bool,
     /// Also write the shaded relief as a raster: RUN/hillshade.tif
-    #[arg(long)]
+    #[arg(long, hide_short_help = true, help_heading = "Products")]
     hillshade: bool,
-    /// Also write the cells as a coloured point cloud (.laz or .las); a relative path is resolved against RUN
-    #[arg(long, value_name = "FILE", value_parser = super::ending(&["laz", "las"]))]
+    /// Also write the cells as a coloured point cloud (.laz or .las)
+    ///
+    /// A relative path is resolved against RUN.
+    #[arg(long, value_name = "FILE", value_parser = super::ending(&["laz", "las"]), hide_short_help = true, help_heading = "Products")]
     points: Option<PathBuf>,
-    /// Also write a mesh textured with the orthophoto (.glb); a relative path is resolved against RUN
-    #[arg(long, value_name = "FILE", value_parser = super::ending(&["glb"]))]
+    /// Also write a mesh textured with the orthophoto (.glb)
+    ///
+    /// A relative path is resolved against RUN.
+    #[arg(long, value_name = "FILE", value_parser = super::ending(&["glb"]), hide_short_help = true, help_heading = "Products")]
     mesh: Option<PathBuf>,
 }
 

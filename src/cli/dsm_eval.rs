@@ -55,18 +55,30 @@ struct TruthArgs {
 #[group(id = "scoring")]
 pub(super) struct TruthOptionArgs {
     /// Class raster on the truth's grid, in which class 9 is water [default: X_CLS.tif beside X_DSM.tif, or the points' classes]
-    #[arg(long, value_name = "CLS.tif", requires = "truth")]
+    #[arg(
+        long,
+        value_name = "CLS.tif",
+        requires = "truth",
+        hide_short_help = true,
+        help_heading = "Scoring"
+    )]
     classes: Option<PathBuf>,
     /// Score the inside and the outside of a mask separately: polygons (any vector file), or a raster on the truth's grid
     /// of non-zero values inside
-    #[arg(long, value_name = "FILE", requires = "truth")]
+    #[arg(long, value_name = "FILE", requires = "truth", hide_short_help = true, help_heading = "Scoring")]
     mask: Option<PathBuf>,
     /// Vertical reference of the truth's heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: as its CRS or VERTICAL_REFERENCE says]
-    #[arg(long, value_name = "REFERENCE", requires = "truth")]
+    #[arg(
+        long,
+        value_name = "REFERENCE",
+        requires = "truth",
+        hide_short_help = true,
+        help_heading = "Scoring"
+    )]
     truth_vertical: Option<String>,
     /// EPSG code of a point cloud that does not state its own
-    #[arg(long, value_name = "EPSG", requires = "truth")]
+    #[arg(long, value_name = "EPSG", requires = "truth", hide_short_help = true, help_heading = "Scoring")]
     truth_crs: Option<u32>,
 }
 

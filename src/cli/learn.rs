@@ -9,17 +9,17 @@ use crate::predict::{ImageNetwork, Model, write_onnx};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Train the network by which `satgs predict` makes splats from points, on simulated towns or on photographs with depth maps
+/// Train the network by which `satgs predict` makes splats from points
 ///
-/// Towns are simulated one after the other; points are drawn from their exact surfaces with the errors, holes and outliers of
-/// stereo matching, and thinned to 1 to 100 %. The network learns to predict splats whose renders agree with images that it does
-/// not see. Beside OUT.safetensors, the folder OUT.learn gets learn.csv (a line for each round; scores of towns that are not
-/// learned from in dB, of the network and of untrained splats on the same points), curves.svg, the same scores by the part of the
-/// points (points.csv, points.svg), a checkpoint, and the towns
-/// (about 7 MB each; may be removed afterwards). An interrupted training goes on with the same command, and gives the same model.
+/// Towns are simulated one after the other. Points are drawn from their exact surfaces with the errors,
+/// holes and outliers of stereo matching, and thinned to 1 to 100 %. The network learns to predict
+/// splats whose renders agree with images that it does not see. With --scenes a model is trained
+/// further on points of the depth maps of photographs, and compared with their other views.
 ///
-/// With --scenes, a model (that of satgs, or --from) is trained further on points that are lifted from the depth maps of photographed
-/// scenes, and compared with their other views; those that are held back score it.
+/// The folder OUT.learn beside OUT.safetensors gets a line for each round (learn.csv), scores on towns
+/// that are not learned from (curves.svg) and by the share of the points that is left (points.csv,
+/// points.svg), a checkpoint, and the towns (7 MB each; they may be removed afterwards). An interrupted
+/// training goes on with the same command, and gives the same model.
 ///
 ///   satgs learn --print-config > learn.toml
 ///   satgs learn model.safetensors --config learn.toml
@@ -31,9 +31,10 @@ pub struct Args {
     /// The model to write; with --from also an ONNX file
     #[arg(value_name = "OUT", value_parser = ending(&["safetensors", "onnx"]), required_unless_present = "print_config")]
     out: Option<PathBuf>,
-    /// Do not train, but write this model (`built-in` for the one that comes with satgs) as OUT: an ONNX file for other programs, or
-    /// as the example of what `satgs predict --model FILE.onnx` takes. With --scenes: the model that is trained further
-    /// [default: built-in]
+    /// Model to start from: a file, or `built-in`, the one that comes with satgs
+    ///
+    /// With --scenes it is trained further [default: built-in]. Without, nothing is trained: the model is written as OUT, as .onnx for other
+    /// programs, which is also the example of what `satgs predict --model FILE.onnx` takes.
     #[arg(long, value_name = "FILE.safetensors|built-in")]
     from: Option<PathBuf>,
     /// Train a model further on these perspective scenes, which have depth maps (RGB-D, LEVIR-NVS, ScanNet++)
@@ -41,9 +42,10 @@ pub struct Args {
     scenes: Vec<PathBuf>,
     #[command(flatten)]
     images: ImageArgs,
-    /// ONNX file of a network such as DINOv2, whose features of the images the model then takes as well: one picture of any or a fixed
-    /// square size in, a vector for each patch out. `satgs predict` needs the same file. With --scenes: the file that the model was
-    /// trained with
+    /// ONNX network of features of images, such as DINOv2, which the model then takes as well
+    ///
+    /// One picture of any or a fixed square size in, a vector for each patch out. `satgs predict` needs the same file. With --scenes: the
+    /// file that the model was trained with.
     #[arg(long, value_name = "FILE.onnx")]
     image_features: Option<PathBuf>,
     /// Numbers of towns, rounds and steps, learning rate, sizes of the network; what is absent is as in --print-config

@@ -4,23 +4,20 @@ use super::{CliError, Ui, ending, parse_metres};
 use crate::pipeline::{MeshOptions, MeshSummary, mesh};
 use std::path::PathBuf;
 
-/// Make a mesh (.ply, .obj or .glb) of a trained run, with walls and colours, or of a scene with depth maps
+/// Make a mesh with walls and colours (.ply, .obj, .glb) of a run, or of a scene with depth maps
 ///
-/// Depth maps are fused to a truncated signed distance function (TSDF) in voxels, of which the zero
-/// surface is taken by marching cubes; the 50 largest pieces of at least 50 triangles are kept.
-/// Of a satellite run the maps are the altitudes of its splats in each training view and from straight
-/// above; the mesh is georeferenced: coordinates are metres from the site's origin, which stands in
-/// FILE.georef.json beside the mesh. Of a run of photographs they are the depths of its splats in each
-/// training view, of a scene with depth maps these.
+/// Depth maps are fused in voxels to a truncated signed distance function (TSDF), whose zero surface is
+/// the mesh; its 50 largest pieces of at least 50 triangles are kept. A run renders the depth maps: in each
+/// training view, of satellite images also from straight above. Of a scene they are those that it has.
+/// Coordinates are those of the scene, of satellite images metres from the site's origin, which
+/// FILE.georef.json beside the mesh states.
 ///
-///   input                   voxel                   truncation  greatest depth
-///   satellite run           0.5 m                   2 m
-///   RGB-D or ScanNet++
-///   scene, run of it        0.02 m                  0.08 m      5 m
-///   photographs from inside
-///   a scene                 95 % quantile of the    4 voxels    scene: 99.9 % of the depths are smaller
-///                           depths / 250                        run: 95 % of them
-///   other perspective ones  greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at
+///   input                        voxel              truncation  greatest depth
+///   satellite run                0.5 m              2 m
+///   RGB-D, ScanNet++ (or a run)  0.02 m             0.08 m      5 m
+///   photographs from inside      largest depth/250  4 voxels    that of 99.9 % (of a run 95 %)
+///   other photographs            largest depth/1024 4 voxels    twice the distance of the nearest
+///                                                               camera from what all look at
 ///
 ///   satgs mesh run -o town.glb
 ///   satgs mesh kitchen -o reference.ply --voxel 0.01
@@ -36,7 +33,7 @@ pub struct Args {
     /// Side of a voxel, metres [default: see above]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     voxel: Option<f64>,
-    /// Distance from a surface up to which a depth map tells of it, metres [default: 4 voxels]
+    /// Distance from a surface up to which a depth map tells where it is, metres [default: 4 voxels]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     truncation: Option<f64>,
     /// Leave out depths beyond this, metres [default: see above]; not for satellite runs

@@ -7,11 +7,12 @@ use std::path::PathBuf;
 
 /// Score a mesh against a reference: accuracy, completeness, precision, recall, F1, chamfer distance
 ///
-/// Both surfaces are sampled by area, at places 0.4 times the threshold apart (2 cm at 5 cm; always the
-/// same places), so that the size of triangles does not matter. Accuracy is the mean distance from the
-/// places on the mesh to the surface of the reference, completeness the mean distance from the reference to
-/// the mesh, chamfer the mean of both; precision and recall are the shares nearer than the threshold. With --views both are first cut to what the views see: rendered to depth maps and
-/// fused again (voxels of 4 cm, truncation 12 cm, depths up to 5 m; satellite views: 1 m, 3 m).
+/// Both surfaces are sampled by area, at places 0.4 times the threshold apart, so that the size of
+/// triangles does not matter. Accuracy is the mean distance from the mesh to the reference,
+/// completeness the mean distance from the reference to the mesh, chamfer the mean of both. Precision
+/// and recall are the shares of these distances below the threshold, F1 their harmonic mean.
+/// With --views both are first cut to what the views see: they are rendered to depth maps and fused
+/// again (voxels of 4 cm, truncation 12 cm, depths up to 5 m; of satellite views 1 m, 3 m).
 ///
 ///   satgs mesh-eval mesh.ply reference.ply --views kitchen
 ///   satgs mesh-eval town.ply lidar.ply --threshold 1 --error-mesh errors.ply
@@ -28,8 +29,9 @@ pub struct Args {
     /// Cut both meshes to what the views of this run or scene see, which is in the frame of the reference
     #[arg(long, value_name = "RUN_OR_SCENE")]
     views: Option<PathBuf>,
-    /// Move the mesh by the similarity that brings the camera centres of this run or scene, which is in the frame of the mesh,
-    /// to those of the images of the same names in --views
+    /// Run or scene whose cameras place the mesh: their centres are moved onto those of --views
+    ///
+    /// The similarity is that of the images of the same names in both.
     #[arg(long, value_name = "RUN_OR_SCENE", requires = "views")]
     align: Option<PathBuf>,
     /// Write the mesh in colours of its errors (.ply, .obj, .glb): green 0, yellow at the threshold, red from twice the threshold

@@ -47,6 +47,8 @@ pub use ui::Ui;
 #[command(
     name = "satgs",
     version,
+    disable_help_flag = true,
+    disable_version_flag = true,
     max_term_width = 100,
     after_help = "\
 Exit codes: 0 complete, 1 failed, 2 wrong input or usage, 3 partly complete, 75 too little memory or
@@ -57,23 +59,32 @@ struct Cli {
     command: Command,
     #[command(flatten)]
     common: Common,
+    /// Print the version
+    #[arg(short = 'V', long, action = clap::ArgAction::Version, help_heading = FOR_ALL)]
+    version: Option<bool>,
 }
+
+/// Heading of the options of every command, which stand last in the help.
+const FOR_ALL: &str = "Options of all commands";
 
 /// Options of every command.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Common {
     /// Print the summary as one JSON object on standard output
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = FOR_ALL)]
     json: bool,
     /// Print more: stages and timings (-v), details (-vv)
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = FOR_ALL)]
     verbose: u8,
     /// Print errors only
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = FOR_ALL)]
     quiet: bool,
-    /// Number of threads [default: one per core]; results do not depend on it
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Number of threads [default: one for each core of the processor]; results do not depend on it
+    #[arg(long, global = true, help_heading = FOR_ALL, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// Print the usual options (-h), or all with details (--help)
+    #[arg(short, long, global = true, action = clap::ArgAction::Help, help_heading = FOR_ALL)]
+    help: Option<bool>,
 }
 
 #[derive(Subcommand)]

@@ -5,16 +5,14 @@ use crate::pipeline::{NvsOptions, NvsScores, Protocol, nvs_eval};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Score novel views of a trained run against images that were held back from training (listed in the scene's
-/// test.txt): PSNR and SSIM
+/// Score rendered images of a trained run against images that were held back from training: PSNR and SSIM
 ///
-/// Each test view is rendered with its own camera and sun. A run of recipe `satgs` has colours for any view: its embedding
-/// is fitted on the image (--protocol full, as in the paper) or on its left half, with the right half scored (half), or it is
-/// that of the training view taken at the nearest time (nearest). Other runs have the colours of the reference view, with
-/// a linear change that is fitted on the left half, and the right half is scored. Of perspective scenes whole images are
-/// scored, as displayed, without a change of colours.
+/// Each view of the scene's test.txt is rendered with its own camera and sun, and compared with its image. Colours differ
+/// between dates: --protocol says how those of the render are chosen in runs of recipe `satgs`. Other satellite runs have
+/// the colours of the reference view, changed linearly as fits the left half of the image; the right half is scored. Of
+/// photographs whole images are scored, as displayed, without a change of colours.
 ///
-/// SSIM has a window of 11 x 11 pixels, SSIM 3 one of 3 x 3, as the program of Sat-NeRF has it.
+/// SSIM has a window of 11 x 11 pixels; SSIM 3 has one of 3 x 3, as in the program of Sat-NeRF.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`
@@ -34,7 +32,7 @@ pub struct Args {
 /// [`Protocol`] on the command line.
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
 enum ProtocolArg {
-    /// Fitted on the whole image, which is scored
+    /// Fitted on the whole image, which is scored (as in the paper)
     Full,
     /// Fitted on the left half; the right half is scored
     Half,

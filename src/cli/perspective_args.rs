@@ -6,9 +6,10 @@ use std::path::PathBuf;
 /// How a perspective scene is read.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct PerspectiveArgs {
-    /// Perspective scenes: where the scene lies on Earth, from the GPS positions in its photographs (`exif`), or from a file:
-    /// JSON with epsg, scale, rotation, translation, or a line `EPSG:CODE` and lines `image easting northing height`
-    #[arg(long, value_name = "exif|FILE", value_parser = parse_georeference)]
+    /// Where the scene lies on Earth: `exif`, the GPS positions of the photographs, or a file
+    ///
+    /// The file is JSON with epsg, scale, rotation, translation, or has a line `EPSG:CODE` and lines `image easting northing height`.
+    #[arg(long, value_name = "exif|FILE", value_parser = parse_georeference, hide_short_help = true, help_heading = "Photographs")]
     pub georef: Option<GeoreferenceSource>,
     /// The images.
     #[command(flatten)]
@@ -18,16 +19,19 @@ pub struct PerspectiveArgs {
 /// Which images of a perspective scene are read, and how large.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct ImageArgs {
-    /// Perspective scenes: views to hold back for tests, every N-th image or those listed in a file; `none` holds back none
-    /// [default: every 8th, or the scene's own list]
-    #[arg(long, value_name = "N|FILE|none", value_parser = parse_test_views)]
+    /// Views to hold back for tests: every N-th image or those listed in a file
+    ///
+    /// `none` holds back none [default: every 8th, or the scene's own list].
+    #[arg(long, value_name = "N|FILE|none", value_parser = parse_test_views, hide_short_help = true, help_heading = "Photographs")]
     pub test_views: Option<TestViews>,
-    /// Perspective scenes: use images at 1/N of their size [default: 1]
-    #[arg(long, value_name = "N", value_parser = ["1", "2", "4", "8"])]
+    /// Use images at 1/N of their size [default: 1]
+    #[arg(long, value_name = "N", value_parser = ["1", "2", "4", "8"], hide_short_help = true, help_heading = "Photographs")]
     pub downsampling: Option<String>,
-    /// Perspective scenes: what transparent pixels of images mean: `empty`, nothing is there and the background shows, or
-    /// `unknown`, they are not compared [default: empty in transforms.json, otherwise unknown]
-    #[arg(long, value_name = "MEANING", value_parser = Transparency::NAMES)]
+    /// What transparent pixels of images mean: `empty`, nothing is there, or `unknown`
+    ///
+    /// Where nothing is there, the background shows; what is unknown is not compared [default: empty in transforms.json, otherwise
+    /// unknown].
+    #[arg(long, value_name = "MEANING", value_parser = Transparency::NAMES, hide_short_help = true, help_heading = "Photographs")]
     pub transparent: Option<String>,
 }
 

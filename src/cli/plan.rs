@@ -23,17 +23,20 @@ pub struct Args {
     #[command(flatten)]
     training: train::Options,
     /// Side of a cell of the surface model in metres
-    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = parse_metres)]
+    #[arg(
+        long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = parse_metres,
+        help_heading = "Products"
+    )]
     resolution: f64,
     /// Vertical reference of dsm.tif: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: the
     /// ellipsoid]
-    #[arg(long, value_name = "REFERENCE")]
+    #[arg(long, value_name = "REFERENCE", help_heading = "Products")]
     vertical: Option<String>,
     /// Interpolate holes up to this width, metres [default: holes stay nodata]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", help_heading = "Products")]
     fill: Option<f64>,
     /// Leave cells that fewer than two views confirm as nodata [default: they are filled in from the cells around them]
-    #[arg(long, conflicts_with = "fill")]
+    #[arg(long, conflicts_with = "fill", help_heading = "Products")]
     no_fill: bool,
 }
 
@@ -41,14 +44,18 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "tiling")]
 pub struct Options {
-    /// Largest side of the core of a tile, metres; an area that is not larger is not cut
-    #[arg(long, default_value_t = PlanOptions::default().core_m, value_name = "M", value_parser = parse_metres)]
+    /// Largest side of a tile without its overlap, metres; an area whose sides are at most half as long again is not cut
+    #[arg(long, default_value_t = PlanOptions::default().core_m, value_name = "M", value_parser = parse_metres,
+        hide_short_help = true, help_heading = "Run")]
     pub core: f64,
-    /// Width of the ground around a core that is trained as well, metres; seams are cut there
-    #[arg(long, default_value_t = PlanOptions::default().overlap_m, value_name = "M", value_parser = parse_metres)]
+    /// Width of the ground around a tile that is trained as well, metres; seams are cut there
+    #[arg(long, default_value_t = PlanOptions::default().overlap_m, value_name = "M", value_parser = parse_metres,
+        hide_short_help = true, help_heading = "Run")]
     pub overlap: f64,
-    /// Memory that a tile may take, such as 3GB; cores are halved until the prediction is below it [default: no limit]
-    #[arg(long, value_name = "SIZE", value_parser = parse_megabytes)]
+    /// Memory that the training of a tile may take, such as 3GB
+    ///
+    /// The sides of tiles (--core) are halved until the prediction is below it [default: no limit].
+    #[arg(long, value_name = "SIZE", value_parser = parse_megabytes, hide_short_help = true, help_heading = "Run")]
     pub max_memory: Option<f64>,
 }
 

@@ -9,13 +9,14 @@ use std::path::PathBuf;
 
 /// Predict splats from points in one pass, in seconds instead of minutes of training (Point2GS)
 ///
-/// Takes the cameras of an adjusted run (`satgs ba`, or any run that was trained) and points of any source, and writes the run
-/// folder RUN2: `dsm`, `render`, `nvs-eval`, `mesh` and `view` work on it, and `train` goes on from its splats. Perspective scenes
-/// need no adjustment; their splats are a third of the distance of the points apart.
+/// Takes the cameras of RUN (of `satgs ba`, or of a trained run) and points of any source. Writes the run folder RUN2, on
+/// which `dsm`, `render`, `nvs-eval`, `mesh` and `view` work; `train` goes on from its splats. Photographs need no
+/// adjustment: RUN is the scene itself.
 ///
-/// Points within half a metre are merged, and points far from all others dropped; how many is said. A network then predicts
-/// splats every half metre on the surface and on walls between neighbouring heights, from the points around and from what the
-/// images show there. It was trained on simulated towns; `satgs learn` trains others.
+/// Points within half a metre are merged, and points far from all others dropped; the command prints how many. A network
+/// then predicts a splat every half metre of the surface and of walls between neighbouring heights (of photographs, every
+/// third of the distance of the points), from the points around and from what the images show there. It was trained on
+/// simulated towns; `satgs learn` trains others.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Examples:
   satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast && satgs nvs-eval fast
@@ -27,19 +28,23 @@ pub struct Args {
     /// Run folder to write
     #[arg(short, long, value_name = "RUN2")]
     output: PathBuf,
-    /// Points: a cloud (.laz, .las, .ply) or a surface model (.tif) in any map projection in metres, heights above the ellipsoid
-    /// unless the file states another reference. Coordinates of a .ply are relative to NAME.georef.json beside it, else on the map
-    /// of the scene [default: the surface that a training of RUN has matched, else the sparse points; of a perspective scene its
-    /// points, else those of its depth maps]
+    /// Points: a cloud (.laz, .las, .ply) or a surface model (.tif), in any map projection in metres
+    ///
+    /// Heights are above the ellipsoid unless the file states another reference. Coordinates of a .ply are relative to NAME.georef.json
+    /// beside it, else on the map of the scene [default: the surface that a training of RUN has matched, else the sparse points; of
+    /// photographs the points of the scene, else those of its depth maps].
     #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
     points: Option<PathBuf>,
-    /// Take the points where they are. By default points of satellite scenes are moved onto the tie points of the adjustment, which
-    /// tells by how much: tie points leave the place of a run open by some metres; and points that lie elsewhere than those of
-    /// the scene are refused
+    /// Take the points where they are
+    ///
+    /// By default points of satellite scenes are moved onto the tie points of the adjustment, which leave the place of a run open by some
+    /// metres; the command prints by how much. Points that lie elsewhere than those of the scene are refused.
     #[arg(long, requires = "points")]
     keep_place: bool,
-    /// Model, made by `satgs learn`, or a network of yours with the inputs and the output that `satgs learn OUT.onnx --from built-in`
-    /// has [default: the one that comes with satgs]
+    /// Model, made by `satgs learn`, or an ONNX network of your own
+    ///
+    /// A network has the inputs and the output that `satgs learn OUT.onnx --from built-in` writes [default: the model that comes with
+    /// satgs].
     #[arg(long, value_name = "FILE.safetensors|FILE.onnx")]
     model: Option<PathBuf>,
     /// ONNX file of the network of image features (such as DINOv2) that the model was trained with (`satgs learn --image-features`)

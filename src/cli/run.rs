@@ -28,8 +28,10 @@ pub struct Args {
     surface: dsm::Options,
     #[command(flatten)]
     tiling: plan::Options,
-    /// Score dsm.tif against this surface model (any GDAL raster, DFC2019's .tif with its .txt) or point cloud (.las, .laz)
-    #[arg(long, value_name = "DSM")]
+    /// Score dsm.tif against this surface model or point cloud
+    ///
+    /// Any GDAL raster, DFC2019's .tif with its .txt, or points (.las, .laz).
+    #[arg(long, value_name = "DSM", help_heading = "Scoring")]
     truth: Option<PathBuf>,
     #[command(flatten)]
     scoring: dsm_eval::TruthOptionArgs,

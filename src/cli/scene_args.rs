@@ -9,35 +9,43 @@ use std::path::{Path, PathBuf};
 /// A scene and how to read it.
 #[derive(clap::Args, Clone, Debug)]
 pub struct SceneArgs {
-    /// Folder of images with RPCs (in the file, or beside it as delivered by the vendor), a folder with `images/` and
-    /// folders of RPC files, or a list of views: TOML with `[[view]]` tables, a STAC Item or ItemCollection
+    /// Folder of images with RPCs, list of views, or scene of photographs
+    ///
+    /// RPCs lie in the files, beside them as delivered by the vendor, or in folders beside `images/`. A list of views is TOML with
+    /// `[[view]]` tables, a STAC Item or an ItemCollection. Photographs have poses: a COLMAP project, a transforms.json, RGB-D frames,
+    /// LEVIR-NVS, ScanNet++.
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Name of the folder of RPC files beside `images/` to use, when there are several
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", hide_short_help = true, help_heading = "Input")]
     pub rpcs: Option<String>,
     /// Position of the sun in a view: azimuth clockwise from north and elevation, degrees; repeatable [default: from the
     /// image's metadata]
-    #[arg(long = "sun", value_name = "NAME=AZ,EL", value_parser = parse_sun)]
+    #[arg(long = "sun", value_name = "NAME=AZ,EL", value_parser = parse_sun, hide_short_help = true, help_heading = "Input")]
     pub suns: Vec<(String, Sun)>,
-    /// Area of interest: a box in degrees, or a GeoJSON file with a polygon; only the parts of images that may show it are read
-    /// [default: the ground that at least three views see]
-    #[arg(long, value_name = "W,S,E,N|FILE", allow_hyphen_values = true)]
+    /// Area of interest: a box in degrees, or a GeoJSON polygon
+    ///
+    /// Only the parts of images that may show it are read [default: the ground that at least three views see, of two or three
+    /// views two].
+    #[arg(long, value_name = "W,S,E,N|FILE", allow_hyphen_values = true, help_heading = "Input")]
     pub aoi: Option<String>,
     /// Bands to use, counted from 1: three as red, green, blue, or one [default: the first three]
-    #[arg(long, value_name = "R,G,B", value_parser = parse_bands)]
+    #[arg(long, value_name = "R,G,B", value_parser = parse_bands, hide_short_help = true, help_heading = "Input")]
     pub bands: Option<Bands>,
     /// Contrast stretch: percentage of pixels that are clipped at each end of the values [default: 0.5, 0 for 8-bit images]
-    #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
+    #[arg(long, value_name = "PERCENT", value_parser = parse_percent, hide_short_help = true, help_heading = "Input")]
     pub stretch: Option<f64>,
-    /// Display gamma of the images, light = value^GAMMA: 2.2 for images processed for display, such as DFC2019's 8-bit
-    /// colours, 1 for values that are linear; training and its stereo matching compare linear light. `auto` takes 2.2 for 8-bit
-    /// images that are bright in the light and in the shadows, else 1
-    #[arg(long, value_name = "GAMMA|auto", default_value = "auto", value_parser = parse_gamma)]
+    /// Display gamma of the images: 1 if values are proportional to light, 2.2 if they were made for a screen
+    ///
+    /// The light of a pixel is value^GAMMA; training and matching compare light. `auto` takes 2.2 for 8-bit images that are bright in the
+    /// light and in the shadows, as DFC2019's colours are, else 1. `satgs ba` prints what was taken.
+    #[arg(long, value_name = "GAMMA|auto", default_value = "auto", value_parser = parse_gamma,
+        hide_short_help = true, help_heading = "Input")]
     pub gamma: Gamma,
-    /// Use the first RPC found for an image even if it seems to belong to another one: to an image of another size, or to
-    /// the raw sensor image that this image was orthorectified from
-    #[arg(long)]
+    /// Use the first RPC found for an image even if it seems to belong to another image
+    ///
+    /// Such as one of another size, or the raw sensor image that this image was orthorectified from.
+    #[arg(long, hide_short_help = true, help_heading = "Input")]
     pub trust_rpc: bool,
 }
 

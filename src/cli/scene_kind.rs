@@ -14,7 +14,7 @@ pub enum SceneKind {
 }
 
 /// Options that only satellite scenes use.
-const OF_SATELLITES: [&str; 27] = [
+const OF_SATELLITES: [&str; 28] = [
     // How images and RPCs are read.
     "rpcs",
     "sun",
@@ -41,6 +41,7 @@ const OF_SATELLITES: [&str; 27] = [
     "overlap",
     "max-memory",
     // The surface model and its scores.
+    "no-splats",
     "no-fill",
     "truth",
     "classes",

@@ -4,14 +4,16 @@ mod photographs;
 
 use super::{CliError, Ui};
 use crate::scene::Role;
-use crate::simulate::{Relief, SimulateOptions, Summary, simulate};
+use crate::simulate::{
+    BitDepth, PlannedView, Relief, SimulateOptions, Summary, SurfaceFiles, Terrain, covering_px, simulate,
+};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Simulate a test scene with a known answer: satellite images of a town, photographs of a room or from the air
+/// Simulate a test scene with a known answer: satellite images of a town or a mountain, photographs of a room or from the air
 ///
-/// Without --room or --aerial: satellite images with RPC cameras of a small town, and its exact surface model.
-/// OUT gets 8-bit RGB GeoTIFFs; their RPC tags have pointing errors of several pixels, their metadata give the sun's
+/// Without --room or --aerial: satellite images with RPC cameras of a small town, or of a mountain with --mountains, and its
+/// exact surface model. OUT gets RGB GeoTIFFs; their RPC tags have pointing errors of several pixels, their metadata give the sun's
 /// position. OUT/truth gets the exact DSM, its classes (DFC2019's codes), the true RPCs and the pointing errors. The same
 /// options give the same bytes.
 ///
@@ -27,6 +29,9 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   satgs simulate town && satgs run town -o run --truth town/truth/TOWN_DSM.tif
   satgs simulate year --views 12 --seasons --cars 2 --held-out 4 && satgs run year -o run && satgs nvs-eval run
+  satgs simulate mountain --mountains --view 11,11,2024-08-20T10:30 --view 11,191,2024-08-20T10:31
+  satgs simulate plan --surface city_dsm.tif --texture city_ortho.tif --views 8 && \\
+    satgs run plan -o plan-run --truth plan/truth/SURFACE_DSM.tif
   satgs simulate room --room && satgs run room -o run --recipe indoor --depth-prior room/priors/depths \\
     --normal-prior room/priors/normals && satgs mesh run -o mesh.ply && \\
     satgs mesh-eval mesh.ply room/truth/mesh.ply --views room
@@ -49,10 +54,46 @@ pub struct Args {
     /// OUT/test.txt all others, which --test-views of `satgs run` takes. There are 300 points with errors of about 0.3 m.
     #[arg(long, group = "photographs")]
     aerial: bool,
+    /// Look at a mountain without buildings instead: ridges, gullies, rock, scree and snow, slopes up to about 50 degrees
+    ///
+    /// Images have 16 bits, of which 12 are used, so that snow is neither saturated nor without texture.
+    #[arg(long, conflicts_with_all = ["photographs", "hilly", "cars"])]
+    mountains: bool,
+    /// Look at this surface instead, to plan an acquisition: a north-up raster of heights in a projected CRS in metres
+    ///
+    /// Images are centred on its middle, and show as much of it as --size allows. Where it has no heights, and beyond its borders,
+    /// images and the exact surface have no data. Views and suns are those of the place, unless --view gives them; cars drive on
+    /// grey level ground, and green ground changes with the season.
+    #[arg(long, value_name = "DSM.tif", conflicts_with_all = ["photographs", "hilly", "mountains"])]
+    surface: Option<PathBuf>,
+    /// Picture of the ground of --surface, in its CRS: one band, or red, green and blue; shadows in it stay
+    /// [default: a plain texture, also where the picture shows nothing]
+    #[arg(long, value_name = "ORTHO.tif", requires = "surface")]
+    texture: Option<PathBuf>,
+    /// Vertical reference of --surface: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// [default: as its CRS or VERTICAL_REFERENCE says, else the ellipsoid]
+    #[arg(long, value_name = "REFERENCE", requires = "surface")]
+    surface_vertical: Option<String>,
     /// Number of images; 8 or more are recommended [default: 10; --room: 60; --aerial: 21]
     #[arg(long, value_name = "N")]
     views: Option<usize>,
-    /// Columns and rows of every image, pixels [default: 400; --room: 640; --aerial: 512]
+    /// Take an image from this direction, at this time; repeatable, instead of --views
+    ///
+    /// OFF_NADIR is the angle at the ground between the vertical and the satellite, AZIMUTH its direction clockwise from
+    /// north, both in degrees. TIME (UTC, as 2024-08-20T10:30) gives the sun; without it, dates are spread over the year.
+    /// Two images of one pass, taken forwards and backwards, are `--view 11,11,TIME --view 11,191,TIME`.
+    #[arg(
+        long,
+        value_name = "OFF_NADIR,AZIMUTH[,TIME]",
+        value_parser = parse_view,
+        conflicts_with_all = ["photographs", "views"]
+    )]
+    view: Vec<PlannedView>,
+    /// Bits of the grey levels, 8 or 16; of 16, 12 are used [default: 8; --mountains: 16]
+    #[arg(long, value_name = "N", value_parser = parse_bits, conflicts_with = "photographs")]
+    bits: Option<BitDepth>,
+    /// Columns and rows of every image, pixels [default: 400; --room: 640; --aerial: 512; --surface: what
+    /// shows the surface, at most 2048]
     #[arg(long, value_name = "PX")]
     size: Option<usize>,
     /// Ground sampling distance at nadir, metres
@@ -94,12 +135,19 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         return photographs::run(args, ui);
     }
     let defaults = SimulateOptions::default();
+    let size_px = match (args.size, &args.surface) {
+        (Some(size_px), _) => size_px,
+        (None, Some(surface)) => covering_px(surface, args.gsd)?,
+        (None, None) => defaults.size_px,
+    };
     let options = SimulateOptions {
         seed: args.seed,
         views: args.views.unwrap_or(defaults.views),
-        size_px: args.size.unwrap_or(defaults.size_px),
+        size_px,
         gsd_m: args.gsd,
-        relief: args.relief(),
+        terrain: args.terrain(),
+        planned: args.view.clone(),
+        depth: args.bits.unwrap_or(if args.mountains { BitDepth::Sixteen } else { defaults.depth }),
         seasons: args.seasons,
         cars_percent: args.cars,
         held_out: args.held_out,
@@ -111,10 +159,39 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 }
 
 impl Args {
-    /// Height differences of the terrain.
+    fn terrain(&self) -> Terrain {
+        match &self.surface {
+            Some(surface) => Terrain::Surface(SurfaceFiles {
+                surface: surface.clone(),
+                texture: self.texture.clone(),
+                vertical: self.surface_vertical.clone(),
+            }),
+            None if self.mountains => Terrain::Mountains,
+            None => Terrain::Town(self.relief()),
+        }
+    }
+
+    /// Height differences of the town.
     fn relief(&self) -> Relief {
         if self.hilly { Relief::Hilly } else { Relief::Rolling }
     }
+}
+
+/// Reads an angle from the vertical, an azimuth and a time.
+fn parse_view(text: &str) -> Result<PlannedView, String> {
+    let mut parts = text.splitn(3, ',').map(str::trim);
+    let mut angle = || parts.next().and_then(|part| part.parse::<f64>().ok());
+    let (Some(off_nadir_deg), Some(azimuth_deg)) = (angle(), angle()) else {
+        return Err(
+            "expected two angles in degrees, and perhaps a time, as 11,191,2024-08-20T10:30".to_owned()
+        );
+    };
+    Ok(PlannedView { off_nadir_deg, azimuth_deg, acquired: parts.next().map(str::to_owned) })
+}
+
+fn parse_bits(text: &str) -> Result<BitDepth, String> {
+    let bits = text.parse::<u32>().ok().and_then(|bits| BitDepth::try_from(bits).ok());
+    bits.ok_or_else(|| "expected 8 or 16".to_owned())
 }
 
 fn text(args: &Args, options: &SimulateOptions, summary: &Summary) -> String {
@@ -127,14 +204,26 @@ fn text(args: &Args, options: &SimulateOptions, summary: &Summary) -> String {
         args.out.display()
     );
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-    let rows = [
+    let mut rows = vec![
         ("mean absolute deviation", format!("{:.2} m", s.mean_absolute_deviation_m)),
-        ("roofs", percent(s.roofs_share)),
-        ("trees", percent(s.trees_share)),
-        ("water", percent(s.water_share)),
-        ("tallest building", format!("{:.1} m", s.tallest_building_m)),
         ("relief", format!("{:.1} m", s.relief_m)),
     ];
+    if matches!(options.terrain, Terrain::Town(_)) {
+        rows.extend([
+            ("roofs", percent(s.roofs_share)),
+            ("trees", percent(s.trees_share)),
+            ("water", percent(s.water_share)),
+            ("tallest building", format!("{:.1} m", s.tallest_building_m)),
+        ]);
+    }
+    if let Some(surface) = &summary.surface {
+        let assumed = if surface.vertical_is_assumed { " (assumed; --surface-vertical)" } else { "" };
+        rows.push(("heights are above", format!("{}{assumed}", surface.vertical)));
+        rows.push(("without heights", percent(surface.holes_share)));
+        if args.texture.is_some() {
+            rows.push(("without texture", percent(surface.untextured_share)));
+        }
+    }
     for (name, value) in rows {
         // Writing to a string cannot fail.
         let _ = writeln!(t, "  {name:<24}{value:>9}");

@@ -79,9 +79,9 @@ enum Start {
     Scene,
     /// Those of the scene, and more where views have few (IndoorSplat)
     Patches,
-    /// One behind each pixel, by depths that are aligned with the points of the scene (GeoProp-GS)
+    /// One behind each pixel (GeoProp-GS)
     Hdd,
-    /// As hdd, and more where no view sees anything (GeoProp-GS)
+    /// As hdd, and more in places that only cameras beside the views would see (GeoProp-GS)
     Gva,
     /// Splats that are predicted of the matched surface, else of the points of the scene (Point2GS)
     Predict,
@@ -104,63 +104,103 @@ impl Start {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
 pub struct Options {
-    /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), `satgs` (`best`, then colours for any
-    /// date and sun; `satgs-fast` with a quarter of the iterations of colours), of perspective scenes `3dgs`, `2dgs`, `indoor`
-    /// and `geoprop` (three to ten aerial views), or a TOML file [default: `best`, of perspective scenes `3dgs`]
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Recipe, such as `best` or `satgs`, or a TOML file
+    ///
+    /// `best` makes heights; `baeogs` and `eogs` follow the papers; `satgs` adds colours for any date and sun, `satgs-fast` in a quarter of
+    /// the iterations. Of photographs: `3dgs` makes ellipsoids, `2dgs` flat discs for surfaces, `indoor` is for rooms, `geoprop` for three to ten aerial views
+    /// [default: `best`, of photographs `3dgs`].
+    #[arg(long, value_name = "NAME|FILE", help_heading = "Training")]
     recipe: Option<String>,
-    /// Kind of splats: `3d` for ellipsoids, `2d` for flat discs, which have normals [default: the recipe's]
-    #[arg(long, value_name = "3d|2d")]
+    /// Kind of splats [default: the recipe's]
+    #[arg(long, value_name = "3d|2d", hide_short_help = true, help_heading = "Training")]
     primitive: Option<Primitive>,
-    /// What training starts from: points of a perspective scene (without --depth-prior, hdd and gva interpolate depths between the
-    /// points of the scene), or `predict` [default: the recipe's]
-    #[arg(long, value_name = "POINTS")]
+    /// Points that training starts from [default: the recipe's]
+    ///
+    /// `scene`, `patches`, `hdd` and `gva` are for photographs. `hdd` and `gva` put one behind each pixel, at the depth of --depth-prior,
+    /// or at a depth interpolated between the points that the view sees.
+    #[arg(long, value_name = "POINTS", hide_short_help = true, help_heading = "Training")]
     start: Option<Start>,
-    /// Take points to start from, and to align --depth-prior with, from the reference depth maps of LEVIR-NVS and ScanNet++ scenes
-    /// without points
-    #[arg(long)]
+    /// Start from points of the reference depth maps, in scenes without points
+    ///
+    /// Of LEVIR-NVS and ScanNet++. --depth-prior is aligned with them, too.
+    #[arg(long, hide_short_help = true, help_heading = "Training")]
     reference_points: bool,
-    /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    /// Number of iterations [default: the recipe's]
+    ///
+    /// The schedule is scaled in proportion.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = "Training")]
     iterations: Option<u32>,
+    /// Stop at the matched surface: heights, orthophoto, confidence
+    ///
+    /// For two or three images the heights are those of a run with splats; for four images and more, training makes them better.
+    #[arg(long, conflicts_with_all = ["iterations", "snapshots", "resume"], help_heading = "Training")]
+    no_splats: bool,
     /// Seed of all random numbers; the same seed gives the same bytes
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Run", hide_short_help = true)]
     seed: u64,
     /// Iterations between checkpoints; an interrupted training continues from the last one
-    #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(
+        long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Run",
+        hide_short_help = true
+    )]
     checkpoint_every: u32,
-    /// Require a checkpoint. Training always continues from one if there is one; without this option it otherwise starts from the
-    /// beginning
-    #[arg(long)]
+    /// Fail unless there is a checkpoint to continue from
+    ///
+    /// Without it training continues from a checkpoint if there is one, else it starts from the beginning.
+    #[arg(long, help_heading = "Run", hide_short_help = true)]
     resume: bool,
-    /// Number of pictures of the training's progress to write to RUN/train/snapshots: image, render, shadows, altitudes
-    /// and errors of one view [default: none]
-    #[arg(long, default_value_t = 0, value_name = "N", hide_default_value = true)]
+    /// Number of pictures of the training's progress [default: none]
+    ///
+    /// RUN/train/snapshots gets image, render, shadows, altitudes and errors of one view.
+    #[arg(
+        long,
+        default_value_t = 0,
+        value_name = "N",
+        hide_default_value = true,
+        hide_short_help = true,
+        help_heading = "Training"
+    )]
     snapshots: u32,
-    /// Network (ONNX, such as DINOv2) by whose features recipe satgs finds what images and pictures do not share [default: features
-    /// that need no network]
-    #[arg(long, value_name = "FILE")]
+    /// ONNX network by which recipe satgs tells passing things, such as cars, from the scene
+    ///
+    /// It gives a vector for each patch of a picture, as DINOv2 does. Where the vectors of an image and of its render differ, the image
+    /// counts less [default: vectors that need no network].
+    #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     features: Option<PathBuf>,
-    /// Network (safetensors, made by scripts/fetch-weights) of the perceptual loss of recipe satgs [default: train without]
-    #[arg(long, value_name = "FILE")]
+    /// Network of the perceptual loss of recipe satgs
+    ///
+    /// A safetensors file made by scripts/fetch-weights [default: train without].
+    #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     lpips: Option<PathBuf>,
-    /// Depths of the images for recipes indoor and geoprop: a folder with NAME.npy, NAME.png or NAME.tif for each image; a network
-    /// (ONNX, such as Depth Anything V2); a command that writes the map {out} of the image {image}, as 'python3 depth.py {image} {out}';
-    /// or `stereo`, which matches the images with each other. Maps that are made are kept in RUN/priors; `satgs prior` makes them once
-    /// for several runs [default: the depth maps of RGB-D frames; else stereo, of recipe geoprop none]
-    #[arg(long, value_name = "DIR|FILE.onnx|CMD|stereo", value_parser = PriorSource::parse)]
+    /// Depths of the images, for recipes indoor and geoprop: a folder, an ONNX network, a command, or `stereo`
+    ///
+    /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network is such as Depth Anything V2. A command writes the map {out}
+    /// of the image {image}, as 'python3 depth.py {image} {out}'. `stereo` matches the images with each other. Maps that are made are kept
+    /// in RUN/priors; `satgs prior` makes them once for several runs [default: the depth maps of RGB-D frames; else stereo, of recipe
+    /// geoprop none].
+    #[arg(long, value_name = "DIR|FILE.onnx|CMD|stereo", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     depth_prior: Option<PriorSource>,
     /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
-    #[arg(long, value_name = "KIND", requires = "depth_prior")]
+    #[arg(
+        long,
+        value_name = "KIND",
+        requires = "depth_prior",
+        hide_short_help = true,
+        help_heading = "Training"
+    )]
     prior_kind: Option<PriorKind>,
-    /// Normals of the images for recipe indoor, in camera axes (right, down, forward) with any signs: a folder, a network or a
-    /// command, as --depth-prior [default: those of the depth maps of RGB-D frames, else train without]
-    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse)]
+    /// Surface normals of the images, for recipe indoor: a folder, an ONNX network or a command
+    ///
+    /// As --depth-prior. Normals are in axes of the camera or of the world; which, and with which signs, the points of the scene tell
+    /// [default: those of the depth maps of RGB-D frames, else train without].
+    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     normal_prior: Option<PriorSource>,
-    /// Command that paints the holes of pseudo-views (--start gva), called for each: {rgb} is the picture, {mask} its holes, {depth}
-    /// its depths (.npy), {out} the PNG to write, as 'python3 inpaint.py {rgb} {mask} {out}'. Without it, what no view sees takes
-    /// the colours of what is near
-    #[arg(long, value_name = "CMD", value_parser = InpaintCommand::parse)]
+    /// Command that paints what no view sees, for --start gva and recipe geoprop
+    ///
+    /// It is called for each picture of a camera beside the views: {rgb} is the picture, {mask} is white where nothing is seen, {depth}
+    /// holds depths (.npy), {out} is the PNG to write, as 'python3 inpaint.py {rgb} {mask} {out}' [default: such places take the colours
+    /// of what is near].
+    #[arg(long, value_name = "CMD", value_parser = InpaintCommand::parse, hide_short_help = true, help_heading = "Training")]
     inpaint: Option<InpaintCommand>,
 }
 
@@ -174,6 +214,7 @@ impl Options {
             predict: matches!(self.start, Some(Start::Predict)),
             reference_points: self.reference_points,
             iterations: self.iterations,
+            no_splats: self.no_splats,
             seed: self.seed,
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
@@ -215,16 +256,17 @@ pub fn show(run: &Path, outcome: &Outcome<Trained>, ui: &Ui) -> Result<(), CliEr
                 c.iterations, c.seconds, c.splats, c.l1, c.ssim
             )
         });
+        let Some((l1, ssim)) = t.l1.zip(t.ssim) else {
+            return format!("no splats are trained: the surface is that of matching\n{}", cameras.trim_end());
+        };
         format!(
             "trained {} iterations in {:.0} s: {} splats at the start, {} at the end\n{cameras}\
-             rendered images: L1 {:.4}, SSIM {:.3}\n{colors}\
+             rendered images: L1 {l1:.4}, SSIM {ssim:.3}\n{colors}\
              {}",
             t.iterations,
             t.seconds,
             t.splats_start,
             t.splats,
-            t.l1,
-            t.ssim,
             run.join(SPLATS).display()
         )
     };

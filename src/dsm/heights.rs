@@ -42,13 +42,45 @@ impl Dsm {
     }
 }
 
+/// The colours of heights: from the height below which 2 % of the cells lie to that above which 2 % do, over viridis.
+#[derive(Clone, Copy, Debug)]
+pub struct HeightScale {
+    /// Height of the first colour, metres.
+    pub low: f32,
+    /// Height of the last colour, metres.
+    pub high: f32,
+}
+
+impl HeightScale {
+    /// The colours at equal steps of height.
+    pub const COLORS: [[u8; 3]; 5] = HEIGHT_COLORS;
+
+    /// The scale of heights in metres.
+    #[must_use]
+    pub fn of(heights: &Grid2) -> Self {
+        let mut sorted: Vec<f32> = heights.valid().collect();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+        Self { low: at(STYLE_TAIL), high: at(1.0 - STYLE_TAIL) }
+    }
+
+    /// The colour of a height in metres.
+    #[must_use]
+    pub fn color(&self, height_m: f32) -> [u8; 3] {
+        let last = HEIGHT_COLORS.len() - 1;
+        let share = (height_m - self.low) / (self.high - self.low).max(f32::MIN_POSITIVE);
+        let place = share.clamp(0.0, 1.0) * last as f32;
+        let index = (place as usize).min(last - 1);
+        let t = place - index as f32;
+        let between = |a: u8, b: u8| (f32::from(a) + (f32::from(b) - f32::from(a)) * t).round() as u8;
+        std::array::from_fn(|k| between(HEIGHT_COLORS[index][k], HEIGHT_COLORS[index + 1][k]))
+    }
+}
+
 /// A QGIS style that colours heights in metres from low to high.
 #[must_use]
 pub fn height_style(heights: &Grid2) -> String {
-    let mut sorted: Vec<f32> = heights.valid().collect();
-    sorted.sort_unstable_by(f32::total_cmp);
-    let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
-    let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
+    let HeightScale { low, high } = HeightScale::of(heights);
     let step = (high - low) / (HEIGHT_COLORS.len() - 1) as f32;
     let value = |i: usize| (10.0 * (low + step * i as f32)).round() / 10.0;
     let stops = HEIGHT_COLORS.iter().enumerate().map(|(i, color)| (value(i), *color));

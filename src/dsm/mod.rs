@@ -19,7 +19,7 @@ mod writers;
 pub use altitude::{altitudes, view_altitudes};
 pub use confidence::{Confidence, Seeing};
 pub use counts::{CellCounts, VIEWS_BAND, is_confirmed};
-pub use heights::{Heights, height_style};
+pub use heights::{HeightScale, Heights, height_style};
 pub use hillshade::hillshade;
 pub use nadir::nadir_camera;
 pub use render::{HeightsFrom, render};

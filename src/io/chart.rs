@@ -128,6 +128,13 @@ impl Chart {
     }
 }
 
+/// The largest of 1, 2 and 5 times a power of ten that is not above a positive number, for lengths of scales.
+#[must_use]
+pub fn round_below(number: f64) -> f64 {
+    let power = 10f64.powf(number.log10().floor());
+    [5.0, 2.0, 1.0].map(|m| m * power).into_iter().find(|n| *n <= number * 1.001).unwrap_or(number)
+}
+
 /// Range and tick distance of one axis.
 struct ChartAxis {
     low: f64,
@@ -177,6 +184,11 @@ impl ChartAxis {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lengths_of_scales_are_round() {
+        assert_eq!([37.0, 20.0, 9.9, 1234.0].map(round_below), [20.0, 20.0, 5.0, 1000.0]);
+    }
 
     #[test]
     fn ticks_are_round_and_cover_the_numbers() {

@@ -2,13 +2,14 @@
 
 use crate::frame::FrameError;
 use gdal::errors::GdalError;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The error of a library that satgs reads or writes files with.
 pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 
 /// A file could not be written. Nothing is left of it, and an earlier file of that name is unchanged.
-#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[derive(Debug, thiserror::Error)]
 #[error("writing `{path}` failed: {cause}")]
 pub struct WriteError {
     /// The file.
@@ -21,6 +22,35 @@ impl WriteError {
     /// The error of writing `path`; `cause` may be an error or a sentence.
     pub fn new(path: &Path, cause: impl Into<Cause>) -> Self {
         Self { path: path.into(), cause: cause.into() }
+    }
+
+    /// Whether the disk, or the user's share of it, is full.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.is_of(&[ErrorKind::StorageFull, ErrorKind::QuotaExceeded], &["No space left", "quota exceeded"])
+    }
+
+    /// Whether the cause is of one of these kinds; libraries that hide the kind keep the words of the operating system.
+    fn is_of(&self, kinds: &[ErrorKind], words: &[&str]) -> bool {
+        let first: &(dyn std::error::Error + 'static) = self.cause.as_ref();
+        let mut causes = std::iter::successors(Some(first), |cause| cause.source());
+        let kind = causes.find_map(|cause| cause.downcast_ref::<std::io::Error>()).map(std::io::Error::kind);
+        let text = self.cause.to_string();
+        kind.is_some_and(|kind| kinds.contains(&kind)) || words.iter().any(|words| text.contains(words))
+    }
+}
+
+impl miette::Diagnostic for WriteError {
+    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        let closed = [ErrorKind::ReadOnlyFilesystem, ErrorKind::PermissionDenied];
+        if self.is_full() {
+            return Some(Box::new(
+                "the disk is full: what is complete is kept; free space, and the same command goes on from there",
+            ));
+        }
+        self.is_of(&closed, &["Read-only file system", "Permission denied"]).then(|| {
+            Box::new("nothing may be written there: choose another folder, such as -o ~/run") as Box<_>
+        })
     }
 }
 
@@ -110,6 +140,18 @@ pub enum RasterError {
         path: PathBuf,
         /// What is missing.
         reason: &'static str,
+    },
+    /// The raster holds something else than heights.
+    #[error("`{path}` holds no heights: {found}")]
+    #[diagnostic(help(
+        "expected a surface model, such as RUN/dsm.tif: its first band holds heights; whole metres in 8 bits count as heights if \
+         the band has a unit (`gdalinfo` shows bands and units)"
+    ))]
+    NotHeights {
+        /// The raster.
+        path: PathBuf,
+        /// What its first band holds.
+        found: String,
     },
     /// The unit of the heights is unknown.
     #[error("`{path}`: heights in `{unit}` cannot be compared")]
@@ -212,4 +254,25 @@ pub enum VerticalError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Grid(#[from] FrameError),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use miette::Diagnostic;
+
+    #[test]
+    fn a_full_or_closed_disk_has_a_next_step() {
+        let path = Path::new("run/dsm.tif");
+        let full = WriteError::new(path, std::io::Error::from(ErrorKind::StorageFull));
+        let of_library = WriteError::new(path, "_tiffWriteProc: No space left on device");
+        for error in [full, of_library] {
+            assert!(error.is_full());
+            assert!(error.help().unwrap().to_string().contains("free space"));
+        }
+        let closed = WriteError::new(path, std::io::Error::from(ErrorKind::ReadOnlyFilesystem));
+        assert!(!closed.is_full());
+        assert!(closed.help().unwrap().to_string().contains("another folder"));
+        assert!(WriteError::new(path, "a sentence").help().is_none());
+    }
 }

@@ -4,11 +4,15 @@
 use super::crs::vertical_part;
 use super::height_unit::{VerticalPart, metres_of};
 use super::{Grid2, ImageFile, RasterError, VerticalReference, Window};
+use gdal::Metadata;
+use gdal::raster::ColorInterpretation;
 use gdal::spatial_ref::SpatialRef;
 
 /// Stored values that mean no data although the file does not declare them; so do values of the magnitude below.
 const UNDECLARED_NODATA: [f32; 5] = [-9999.0, -32767.0, -32768.0, -99_999.0, -999_999.0];
 const NO_HEIGHT: f32 = 1e30;
+/// Descriptions of the first bands of satgs' rasters that are no heights: `confidence.tif` and `error.tif`.
+const OTHER_BANDS: [&str; 2] = ["opacity", "error"];
 /// GeoTIFF key of the vertical unit, and the EPSG codes of metre, foot and US survey foot.
 const VERTICAL_UNITS_KEY: u16 = 4099;
 const UNIT_CODES: [(u16, &str); 3] = [(9001, "metre"), (9002, "foot"), (9003, "US survey foot")];
@@ -29,8 +33,9 @@ impl HeightSystem {
     /// Unit and vertical reference of a raster's first band.
     ///
     /// # Errors
-    /// [`RasterError::HeightUnit`] for an unknown unit.
+    /// [`RasterError::NotHeights`] for colours, classes, shades and scores, [`RasterError::HeightUnit`] for an unknown unit.
     pub fn of_raster(file: &ImageFile) -> Result<Self, RasterError> {
+        file.require_heights()?;
         let crs = file.dataset.spatial_ref().ok().map(|srs| vertical_part(&srs)).unwrap_or_default();
         let unit = file.unit(1)?;
         let metres =
@@ -124,6 +129,29 @@ pub fn read_heights(
 }
 
 impl ImageFile {
+    /// An error if the first band declares that it holds something else than heights. Colours and class codes differ from a
+    /// surface model as an error of metres does, so that no later check would find them.
+    pub(crate) fn require_heights(&self) -> Result<(), RasterError> {
+        let band = self.dataset.rasterband(1).map_err(|_| self.no_band(1))?;
+        let refused = |found: String| Err(RasterError::NotHeights { path: self.path().into(), found });
+        let description = band.description().unwrap_or_default().to_lowercase();
+        if !matches!(
+            band.color_interpretation(),
+            ColorInterpretation::Undefined | ColorInterpretation::GrayIndex
+        ) {
+            return refused(format!("its first of {} bands holds colours", self.bands()));
+        }
+        if OTHER_BANDS.contains(&description.as_str()) {
+            return refused(format!("its first band is called `{description}`"));
+        }
+        if self.band(1)?.is_byte && band.unit().is_empty() {
+            return refused(
+                "it has values of 8 bits without a unit, as a picture, a hillshade or a class raster".into(),
+            );
+        }
+        Ok(())
+    }
+
     /// A window of the first band with scale and offset applied and NaN for no data; and the number of nodata values
     /// that the file does not declare.
     fn read_values(&self, window: Window) -> Result<(Grid2, usize), RasterError> {
@@ -185,9 +213,27 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("h.tif");
         let image = crate::io::SensorImage { width: 8, height: 8, rpc: &[], metadata: &[] };
-        image.write_u8(&path, vec![vec![7; 64]]).unwrap();
+        image.write_f32(&path, &[("", "", &Grid2::filled(8, 8, 7.0))]).unwrap();
         let system = HeightSystem::of_raster(&ImageFile::open(&path).unwrap()).unwrap();
         assert_eq!((system.metres, system.converted_from(), system.from), (1.0, None, None));
+    }
+
+    #[test]
+    fn colors_classes_and_scores_are_no_heights() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("h.tif");
+        let cells = || vec![7; GRID.width * GRID.height];
+        let cog = Cog { grid: GRID, metadata: &[], heights_from: None };
+        let refusal = || HeightSystem::of_raster(&ImageFile::open(&path).unwrap()).unwrap_err().to_string();
+        cog.write_u8(&path, vec![cells(); 3], Some(0.0)).unwrap();
+        assert!(refusal().contains("its first of 3 bands holds colours"), "{}", refusal());
+        cog.write_u8(&path, vec![cells()], None).unwrap();
+        assert!(refusal().contains("values of 8 bits without a unit"), "{}", refusal());
+        let values = Grid2::from_fn(GRID.width, GRID.height, |c, _| c as f32);
+        for (name, unit) in [("opacity", ""), ("error", "m")] {
+            cog.write_f32(&path, &[(name, unit, &values)]).unwrap();
+            assert!(refusal().contains(name), "{}", refusal());
+        }
     }
 
     #[test]

@@ -15,6 +15,7 @@ mod grid;
 mod height_unit;
 mod heights;
 mod json;
+mod lettering;
 mod like;
 mod mask;
 mod memory;
@@ -37,7 +38,7 @@ mod write;
 
 pub use atomic::{check_writable, remove_if_there, write_atomically, write_file};
 pub use blocks::Blocks;
-pub use chart::Chart;
+pub use chart::{Chart, round_below};
 pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud, read_points};
 pub use crs::{epsg_of_wkt, is_metric_map};
 pub use disk::free_disk_bytes;

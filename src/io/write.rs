@@ -96,8 +96,21 @@ impl SensorImage<'_> {
     /// # Errors
     /// [`WriteError`] if the file cannot be written.
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), WriteError> {
+        self.write_levels(path, &bands, None)
+    }
+
+    /// Writes bands of any type of numbers, with a nodata value if there is one; otherwise as [`SensorImage::write_u8`].
+    ///
+    /// # Errors
+    /// [`WriteError`] if the file cannot be written.
+    pub fn write_levels<T: GdalType + Copy>(
+        &self,
+        path: &Path,
+        bands: &[Vec<T>],
+        nodata: Option<f64>,
+    ) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
-        self.write(path, &data, None, color_labels(data.len()))
+        self.write(path, &data, nodata, color_labels(data.len()))
     }
 
     /// Writes float32 bands, each with its description and unit, as a GeoTIFF with an RPC tag; nodata is NaN.

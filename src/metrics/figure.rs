@@ -1,11 +1,20 @@
 //! The error map as an image and as a QGIS style: red where the prediction is too high, blue where it is too low.
 
-use crate::io::{Grid2, RgbImage, color_style};
+use crate::io::{Grid2, RgbImage, color_style, round_below};
 
 /// Absolute error from which on colours are saturated, metres.
 const FULL_COLOUR_M: f32 = 3.0;
 /// Longest side of the image, pixels.
 const LARGEST_SIDE: usize = 2048;
+/// Side from which on a map is large enough to be read by itself, pixels.
+const SMALLEST_SIDE: usize = 700;
+/// Width of the scale of colours, its height, the margins, and the height of all that stands below the map, pixels.
+const SCALE_PX: usize = 480;
+const BAR_PX: usize = 18;
+const MARGIN_PX: usize = 16;
+const FOOT_PX: usize = BAR_PX + 2 * RgbImage::TEXT_HEIGHT + MARGIN_PX;
+/// Largest share of the map's width that the scale of lengths takes.
+const SCALE_SHARE: f64 = 0.25;
 /// Colour of cells that are not scored.
 const NOT_SCORED: [f32; 3] = [90.0, 90.0, 90.0];
 /// Colour map RdBu of ColorBrewer, from too low to too high.
@@ -28,6 +37,43 @@ pub fn error_picture(errors: &Grid2) -> RgbImage {
     let at = |i: usize| errors.at(i % width * step, i / width * step);
     let data = (0..width * height).flat_map(|i| color(at(i)).map(|c| c.round() as u8)).collect();
     RgbImage { width, height, data }
+}
+
+/// The image of an error map to be read by itself: [`error_picture`], enlarged if the map is small, over a scale of the colours
+/// and of lengths. `cell_m` is the side of a cell on the ground, metres.
+#[must_use]
+pub fn error_figure(errors: &Grid2, cell_m: f64) -> RgbImage {
+    let map = error_picture(errors);
+    let by = SMALLEST_SIDE.div_ceil(map.width.max(map.height).max(1)).max(1);
+    let (wide, high) = (map.width * by, map.height * by);
+    let mut out = RgbImage::white(wide.max(SCALE_PX) + 2 * MARGIN_PX, high + 3 * MARGIN_PX + FOOT_PX);
+    for row in 0..map.height {
+        for col in 0..map.width {
+            out.fill((MARGIN_PX + col * by, MARGIN_PX + row * by), (by, by), map.at(col, row));
+        }
+    }
+    // The colours, with their meaning.
+    let (left, top) = (MARGIN_PX, high + 2 * MARGIN_PX);
+    for i in 0..SCALE_PX {
+        let error = FULL_COLOUR_M * (2.0 * i as f32 / (SCALE_PX - 1) as f32 - 1.0);
+        out.fill((left + i, top), (1, BAR_PX), color(error).map(|c| c.round() as u8));
+    }
+    let below = top + BAR_PX + 4;
+    out.write_text((left, below), "3 m too low");
+    out.write_text((left + (SCALE_PX - RgbImage::text_width("0")) / 2, below), "0");
+    let text = "3 m too high";
+    out.write_text((left + SCALE_PX - RgbImage::text_width(text), below), text);
+    // A length on the ground and the colour of what is not scored.
+    let px_m = cell_m * (errors.width as f64 / wide.max(1) as f64);
+    let metres = round_below(SCALE_SHARE * wide as f64 * px_m);
+    let second = below + RgbImage::TEXT_HEIGHT + MARGIN_PX / 2;
+    let length = (metres / px_m).round() as usize;
+    out.fill((left, second + RgbImage::TEXT_HEIGHT / 2), (length, 3), [28, 30, 33]);
+    out.write_text((left + length + 8, second), &format!("{metres} m"));
+    let at = left + SCALE_PX - RgbImage::text_width("not scored");
+    out.fill((at - BAR_PX - 8, second), (BAR_PX, BAR_PX), NOT_SCORED.map(|c| c as u8));
+    out.write_text((at, second), "not scored");
+    out
 }
 
 /// The text of a QGIS style for an error map, in the colours of [`error_picture`].
@@ -58,6 +104,16 @@ mod tests {
     fn errors_are_red_if_too_high_and_blue_if_too_low() {
         let p = Grid2 { width: 4, height: 1, data: vec![0.0, 99.0, -3.0, f32::NAN] };
         assert_eq!(error_picture(&p).data, [247, 247, 247, 178, 24, 43, 33, 102, 172, 90, 90, 90]);
+    }
+
+    #[test]
+    fn the_figure_is_large_enough_and_holds_the_map_and_its_scale() {
+        let figure = error_figure(&Grid2::filled(140, 136, 3.0), 0.5);
+        assert_eq!((figure.width, figure.height), (5 * 140 + 32, 5 * 136 + 48 + FOOT_PX));
+        assert_eq!(figure.at(MARGIN_PX + 300, MARGIN_PX + 300), [178, 24, 43]);
+        assert_eq!(figure.at(MARGIN_PX, 5 * 136 + 2 * MARGIN_PX), [33, 102, 172]);
+        let large = error_figure(&Grid2::filled(3000, 20, f32::NAN), 0.5);
+        assert_eq!(large.width, 1500 + 32);
     }
 
     #[test]

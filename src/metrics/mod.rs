@@ -28,7 +28,7 @@ mod xyz;
 pub use breakdown::{Division, PartScores};
 pub use error::MetricsError;
 pub use evaluation::{Evaluation, RegisteredScores, evaluate};
-pub use figure::{error_picture, error_style};
+pub use figure::{error_figure, error_picture, error_style};
 pub use fill::filled_by_nearest;
 pub use mesh_scores::{MeshScores, error_mesh, mesh_scores};
 pub(crate) use pattern_search::PatternSearch;

@@ -5,7 +5,7 @@
 //! coarse cell keeps all altitudes at which the surface may lie: that of semi-global matching, which prefers surfaces without
 //! steps, and every other one at which the views agree better. Only near these are the views compared at full resolution.
 
-use super::candidates::Candidates;
+use super::candidates::{Candidates, neighbourhood};
 use super::correlation::CostVolume;
 use super::ground::Ground;
 use super::image::MatchImage;
@@ -94,6 +94,7 @@ pub(super) fn candidates(
         plane(low)..plane(high) + 1
     };
     mark(&mut out, &costs.costs, (size, planes), usual);
+    out.spread();
     out
 }
 
@@ -150,13 +151,6 @@ fn mark(
             }
         }
     });
-}
-
-/// The cells of the square of nine around a cell of a grid.
-fn neighbourhood(cell: usize, (width, height): (usize, usize)) -> impl Iterator<Item = usize> + Clone {
-    let near = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
-    let columns = near(cell % width, width);
-    near(cell / width, height).flat_map(move |row| columns.clone().map(move |col| row * width + col))
 }
 
 /// Means of the costs of each plane over the cells around that are seen.

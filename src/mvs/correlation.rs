@@ -58,6 +58,8 @@ pub(super) struct CostVolume<'a> {
 impl<'a> CostVolume<'a> {
     /// Cost where no pair of views sees the cell.
     pub const UNSEEN: u8 = 255;
+    /// Cost of no correlation.
+    const UNCORRELATED: u8 = 254;
 
     /// Correlates all pairs of views. With the visibility from an earlier pass, similar cells of a window
     /// weigh more, and views from which a cell is occluded are left out.
@@ -80,6 +82,19 @@ impl<'a> CostVolume<'a> {
             }
         });
         Self { ranges, costs }
+    }
+
+    /// Raises the costs of the planes of cells for which this holds; `of_cell` is called once for each cell.
+    pub fn raise<F: Fn(usize) -> bool>(&mut self, by: u8, of_cell: impl Fn(usize) -> F + Sync) {
+        let ranges = self.ranges;
+        let lengths = (0..ranges.cells()).map(|cell| ranges.planes(cell).len());
+        PlaneRanges::split(&mut self.costs, lengths).into_par_iter().enumerate().for_each(|(cell, costs)| {
+            let seen = ranges.planes(cell).zip(costs).filter(|(_, cost)| **cost != Self::UNSEEN);
+            let is_raised = of_cell(cell);
+            for (_, cost) in seen.filter(|(plane, _)| is_raised(*plane)) {
+                *cost = cost.saturating_add(by).min(Self::UNCORRELATED);
+            }
+        });
     }
 
     /// Adds the cost of the distance to the nearer of two priors: the trained surface `trained` and the

@@ -117,6 +117,13 @@ impl MatchImage {
         Self { valid, ..Self::of_gray(view.sqrt_gray(), view.camera) }
     }
 
+    /// What a pixel shows that lies at an altitude, site metres.
+    pub fn point(&self, pixel: usize, altitude: f32) -> Point<Site> {
+        let px = Pixel::new((pixel % self.gray.width) as f64, (pixel / self.gray.width) as f64);
+        let [x, y] = self.camera.localize(px, f64::from(altitude));
+        Point::new(x, y, f64::from(altitude))
+    }
+
     /// Gray value at the projection of a point, bilinear, in standard deviations above the mean of the image;
     /// NaN outside.
     pub fn normalized_gray(&self, p: Point<Site>) -> f32 {

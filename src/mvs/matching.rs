@@ -33,6 +33,8 @@ const P1: u16 = 30;
 const P2_MATCHING: u16 = 200;
 /// The same with a prior. The prior keeps surfaces connected, and a lower penalty preserves trees.
 const P2_REFINEMENT: u16 = 60;
+/// Cost of altitudes that the coarse search did not find near a cell, in the same unit.
+const FAR_COST: u8 = 40;
 
 impl PlaneSweep {
     /// Matches the views.
@@ -44,16 +46,30 @@ impl PlaneSweep {
             return stereo::match_views(self, progress);
         }
         progress.event(Event::Started { stage: "matching the surface", total: PASSES });
-        let mut surface = self.optimized(&CostVolume::correlate(self, None), P2_MATCHING);
+        let mut surface = self.optimized(&self.near_candidates(None), P2_MATCHING);
         for pass in 1..PASSES {
             progress.event(Event::Advanced { done: pass, status: String::new() });
             progress.check()?;
             let visibility = Visibility::new(self, &surface.altitude, &surface.confident());
-            surface = self.optimized(&CostVolume::correlate(self, Some(&visibility)), P2_MATCHING);
+            surface = self.optimized(&self.near_candidates(Some(&visibility)), P2_MATCHING);
         }
         surface.prior_weight = self.prior_weight(&surface);
         progress.event(Event::Finished);
         Ok(surface)
+    }
+
+    /// The cost volume of the first surface. The planes of a block are those near the candidates of all its cells; in cells
+    /// that are far from these, views may agree on them by chance.
+    fn near_candidates(&self, visibility: Option<&Visibility>) -> CostVolume<'_> {
+        let mut volume = CostVolume::correlate(self, visibility);
+        if let Some(candidates) = &self.candidates {
+            volume.raise(FAR_COST, |cell| {
+                let (col, row) = (cell % self.grid.width, cell / self.grid.width);
+                let near = candidates.at(self.site.site_from_utm(self.grid.cell_center(col, row)));
+                move |plane| !near.contains(f64::from(self.stack.altitude(cell, plane as f32)))
+            });
+        }
+        volume
     }
 
     /// Whether so many views are enough for [`PlaneSweep::refine`] to improve the surface after training.

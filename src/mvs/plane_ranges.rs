@@ -95,7 +95,7 @@ impl PlaneRanges {
     }
 
     /// Cuts a volume, or a part of it, into consecutive pieces of these lengths.
-    pub fn split<'a, T>(mut volume: &'a mut [T], lengths: impl Iterator<Item = usize>) -> Vec<&'a mut [T]> {
+    pub fn split<T>(mut volume: &mut [T], lengths: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
         lengths
             .map(|length| {
                 let (piece, rest) = std::mem::take(&mut volume).split_at_mut(length);

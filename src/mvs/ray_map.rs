@@ -55,6 +55,15 @@ impl RayMap {
         map
     }
 
+    /// Forgets the values of pixels at which the surface cannot lie.
+    pub fn keep(&mut self, is_possible: impl Fn(usize, f32) -> bool + Sync) {
+        let pixels = self.value.data.par_iter_mut().zip(&mut self.score.data).enumerate();
+        let known = pixels.filter(|(_, (value, _))| !value.is_nan());
+        known
+            .filter(|(pixel, (value, _))| !is_possible(*pixel, **value))
+            .for_each(|(_, (value, score))| (*value, *score) = (f32::NAN, 0.0));
+    }
+
     /// The values of least cost after semi-global aggregation, interpolated between planes by a parabola. Pixels whose best plane
     /// is the first or the last have no value, because the true one may lie beyond.
     fn optimized<C>(image: &MatchImage<C>, rays: &impl Rays, volume: &RayCosts) -> Self {

@@ -169,9 +169,8 @@ fn found(relief: fn(f64, f64) -> f64, slopes: &[[f64; 2]], half_m: f64, searched
 
 #[test]
 fn towers_pits_and_blocks_without_tie_points_are_found_by_many_views_and_by_two() {
-    let reliefs: [(fn(f64, f64) -> f64, f64); 3] = [(tower, 3.0), (pit, 2.0), (block, 3.0)];
     for slopes in [&SLOPES[..], &PAIR[..]] {
-        for (relief, half_m) in reliefs {
+        for (relief, half_m) in [(tower as fn(f64, f64) -> f64, 3.0), (pit, 2.0), (block, 3.0)] {
             let [right, confident] = found(relief, slopes, half_m, (-90.0, 120.0));
             let top = relief(0.0, 0.0);
             assert!(right > 0.9 && confident > 0.8, "{} views, {top} m: {right} {confident}", slopes.len());

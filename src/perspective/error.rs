@@ -9,15 +9,15 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum PerspectiveError {
     /// The path is none of the known layouts.
-    #[error("`{path}` is no perspective scene")]
-    #[diagnostic(help(
-        "expected a COLMAP project (cameras.bin or cameras.txt, in the folder, in `sparse` or in `sparse/0`), a \
-         transforms.json (or transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS \
-         (`Images` and `Cams`) or of ScanNet++ (`dslr/colmap` and `dslr/resized_images`)"
-    ))]
+    #[error("`{path}` is no perspective scene{found}")]
+    #[diagnostic(help("{next_step}"))]
     NoLayout {
         /// The given path.
         path: PathBuf,
+        /// What it holds instead, as a clause after a colon; empty for nothing that is known.
+        found: String,
+        /// What to do about it.
+        next_step: String,
     },
     /// A perspective scene was given where a satellite scene is needed.
     #[error("`{path}` is a perspective scene ({layout}), which this command cannot use")]

@@ -12,9 +12,14 @@ use super::transparency::Transparency;
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, scannetpp, transforms};
 use crate::io::vsi;
-use crate::scene::Role;
+use crate::scene::{Found, Role};
 use glam::DVec3;
 use std::path::Path;
+
+/// What a perspective scene holds.
+const EXPECTED: &str = "expected a COLMAP project (cameras.bin or cameras.txt, in the folder, in `sparse` or in `sparse/0`), a transforms.json (or \
+     transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS (`Images` and `Cams`) or of \
+     ScanNet++ (`dslr/colmap` and `dslr/resized_images`)";
 
 /// Photographs with pinhole cameras of one place.
 ///
@@ -177,7 +182,11 @@ fn layout_of(path: &Path) -> Option<Layout> {
 }
 
 fn read_drafts(path: &Path) -> Result<Drafts, PerspectiveError> {
-    let no_layout = || PerspectiveError::NoLayout { path: path.into() };
+    let no_layout = || {
+        let found = Found::at(path);
+        let next_step = found.next_step().unwrap_or_else(|| EXPECTED.into());
+        PerspectiveError::NoLayout { path: path.into(), found: found.clause(), next_step }
+    };
     match layout_of(path).ok_or_else(no_layout)? {
         Layout::Colmap => colmap::read_project(&colmap::project(path).ok_or_else(no_layout)?),
         Layout::Transforms => transforms::read(&transforms::file_of(path).ok_or_else(no_layout)?),

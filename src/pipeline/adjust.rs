@@ -8,7 +8,7 @@ use super::tiled::require_no_tile;
 use super::{PipelineError, RunLock, outdated, read_scene, relocation};
 use crate::bundle::{
     self, Adjustment, BundleOptions, CellStore, ControlPoint, CorrectionModel, HeightPrior, LeftOut, Report,
-    check_control, delivered_control_pairs, read_control, stated_accuracy_m,
+    SparsePoint, check_control, delivered_control_pairs, read_control, stated_accuracy_m,
 };
 use crate::coregister::{CoregisterError, Shift, to_control};
 use crate::frame::SiteGrid;
@@ -16,6 +16,7 @@ use crate::io::{VerticalReference, write_json};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
 use crate::scene::{self, HeightSource, Scene, SearchedHeights};
+use crate::stats::quantile;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -43,7 +44,7 @@ pub struct AdjustOptions {
 pub struct DemOptions {
     /// The raster.
     pub path: PathBuf,
-    /// VerticalReference reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
+    /// Vertical reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
     pub vertical: Option<String>,
     /// Standard deviation, metres, with which it constrains the scene's height; without one it only limits the search.
     pub sigma_m: Option<f64>,
@@ -144,6 +145,9 @@ pub(crate) fn adjust_locked(
         cell_store: Some(CellStore { folder: folder.join("cells"), scene_hash }),
     };
     let adjustment = bundle::adjust(scene, &choices, progress)?;
+    if let Some(heights) = heights {
+        warn_of_heights(&adjustment.points, heights, progress);
+    }
     let is_used = |name: &String| adjustment.cameras.iter().any(|c| c.0 == *name);
     let mut used = scene.clone();
     used.views.retain(|v| is_used(&v.name));
@@ -184,6 +188,22 @@ fn tell_of_control(
         )));
     }
     Ok(())
+}
+
+/// Warns if most tie points lie outside of the heights that were to be searched: matching allows for errors of the cameras, and so
+/// finds them there.
+fn warn_of_heights(points: &[SparsePoint], (low, high): (f64, f64), progress: &dyn Progress) {
+    let found: Vec<f64> = points.iter().map(|point| point.position.height_m()).collect();
+    let outside = found.iter().filter(|height| !(low..=high).contains(*height)).count();
+    if 2 * outside <= found.len() {
+        return;
+    }
+    let middle = quantile(found, 0.5).unwrap_or(f64::NAN);
+    progress.event(Event::Warning(format!(
+        "{outside} of {} tie points lie outside of the heights to search, {low:.0} to {high:.0} m above the ellipsoid; their \
+         median is {middle:.0} m: is --height-range, or the vertical reference of --dem, that of another place?",
+        points.len()
+    )));
 }
 
 fn read_dem(dem: &DemOptions, scene: &Scene) -> Result<scene::Dem, PipelineError> {

@@ -27,7 +27,7 @@ const MARGIN_M: f64 = 40.0;
 pub struct AlignOptions {
     /// A surface model on a map in metres, lidar points (.las, .laz), or ground control points (.csv).
     pub reference: PathBuf,
-    /// VerticalReference reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says,
+    /// Vertical reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says,
     /// else the ellipsoid.
     pub vertical: Option<String>,
     /// EPSG code of a point cloud that does not state its own.

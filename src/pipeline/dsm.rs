@@ -4,10 +4,12 @@ use super::outdated;
 use super::products::Products;
 use super::report::renew_report;
 use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
-use super::surface_source::SurfaceSource;
+use super::surface_source::{SurfaceSource, satellite_surface};
 use super::tiled::{require_one_area, require_own_tile};
+use super::train::KnownSurface;
 use super::{PipelineError, RunLock};
 use crate::dsm::{CellCounts, Dsm, Heights, hillshade};
+use crate::frame::{SiteBox, SiteGrid};
 use crate::io::{HeightSystem, ImageFile, MapGrid, VerticalReference, check_writable, write_png_gray};
 use crate::mvs::DSM_CELL_M;
 use crate::progress::{Event, Progress};
@@ -31,7 +33,7 @@ pub struct DsmOptions {
     pub area: Option<(f64, f64, f64, f64)>,
     /// A raster whose grid and extent are taken instead.
     pub like: Option<PathBuf>,
-    /// VerticalReference reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
+    /// Vertical reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
     /// `RUN/dsm.tif`, else the ellipsoid.
     pub vertical: Option<String>,
     /// Fill holes up to this distance between cells with heights, metres.
@@ -128,7 +130,7 @@ impl DsmOptions {
 pub struct DsmSummary {
     /// Grid of the rasters.
     pub grid: MapGrid,
-    /// VerticalReference reference of the heights.
+    /// Vertical reference of the heights.
     pub vertical: String,
     /// Cells with a height, and what their heights rest on.
     pub cells: CellCounts,
@@ -170,7 +172,7 @@ pub(crate) fn dsm_locked(
         let expected = "a satellite scene: views of photographs are not counted in each cell";
         return Err(PipelineError::Option { option: "--no-fill", found, expected });
     }
-    let grid = grid(options, &source)?;
+    let grid = grid(options, source.site(), source.area())?;
     let above = vertical_name(run, options)?;
     let vertical = VerticalReference::read(&above)?;
     let outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
@@ -188,25 +190,9 @@ pub(crate) fn dsm_locked(
         stage.require_writable()?;
     }
     products.iter().try_for_each(|product| product.check(run))?;
-    let mut surface = source.surface(run, grid)?;
-    if let Some(reach_m) = options.fill_m {
-        surface.fill(reach_m);
-    }
-    if options.no_fill {
-        surface.keep_confirmed();
-    }
-    let heights = surface.heights_above(&vertical);
-    if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
-        return Err(PipelineError::NoUndulation { name: vertical.name().into() });
-    }
+    let (surface, heights) = completed(source.surface(run, grid)?, options, &vertical)?;
     if !is_done {
-        surface.write_dsm(&run.join(DSM), &heights)?;
-        surface.write_ortho(&run.join(ORTHO))?;
-        surface.write_confidence(&run.join(CONFIDENCE))?;
-        let shade = hillshade(&surface.height, grid.cell);
-        write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
-    }
-    if !is_done {
+        write_rasters(run, &surface, &heights)?;
         outdated::after_surface(run, progress)?;
         let asked: Vec<PathBuf> = products.iter().map(|product| product.path().into()).collect();
         let before = made.outdated().into_iter().filter(|path| !asked.contains(path));
@@ -224,6 +210,56 @@ pub(crate) fn dsm_locked(
     let summary = DsmSummary { grid, vertical: vertical.name().into(), cells: surface.counts() };
     stage.complete(&summary)?;
     Ok(Outcome::Made(summary))
+}
+
+/// Writes the rasters of a surface whose heights are known although its splats are still to be trained. The stage is complete
+/// only when it is rendered from the trained ones.
+pub(super) fn before_training(
+    run: &Path,
+    options: &DsmOptions,
+    known: &KnownSurface,
+    progress: &dyn Progress,
+) -> Result<(), PipelineError> {
+    let KnownSurface { cameras, splats, heights } = known;
+    let grid = grid(options, &cameras.setup.site, cameras.setup.area)?;
+    let vertical = VerticalReference::read(&vertical_name(run, options)?)?;
+    let surface = satellite_surface(cameras, splats, Some(heights), run, grid)?;
+    let (surface, heights) = completed(surface, options, &vertical)?;
+    write_rasters(run, &surface, &heights)?;
+    let files = [DSM, CONFIDENCE, ORTHO].map(|name| format!("`{}`", run.join(name).display()));
+    progress.event(Event::Note(format!(
+        "{} are written; training changes the colours of the last one, and no height",
+        files.join(", ")
+    )));
+    Ok(())
+}
+
+/// A rendered surface, filled or without its fills as asked for, and its heights above a vertical reference.
+fn completed<'a>(
+    mut surface: Dsm,
+    options: &DsmOptions,
+    vertical: &'a VerticalReference,
+) -> Result<(Dsm, Heights<'a>), PipelineError> {
+    if let Some(reach_m) = options.fill_m {
+        surface.fill(reach_m);
+    }
+    if options.no_fill {
+        surface.keep_confirmed();
+    }
+    let heights = surface.heights_above(vertical);
+    if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
+        return Err(PipelineError::NoUndulation { name: vertical.name().into() });
+    }
+    Ok((surface, heights))
+}
+
+fn write_rasters(run: &Path, surface: &Dsm, heights: &Heights) -> Result<(), PipelineError> {
+    let grid = surface.grid;
+    surface.write_dsm(&run.join(DSM), heights)?;
+    surface.write_ortho(&run.join(ORTHO))?;
+    surface.write_confidence(&run.join(CONFIDENCE))?;
+    let shade = hillshade(&surface.height, grid.cell);
+    Ok(write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?)
 }
 
 /// An optional product, which can be added to a complete surface. Paths count from the run folder.
@@ -296,12 +332,11 @@ fn vertical_name(run: &Path, options: &DsmOptions) -> Result<String, PipelineErr
     Ok(from.unwrap_or_else(|| VerticalReference::ELLIPSOID.into()))
 }
 
-fn grid(options: &DsmOptions, source: &SurfaceSource) -> Result<MapGrid, PipelineError> {
-    let site = source.site();
+fn grid(options: &DsmOptions, site: &SiteGrid, trained: SiteBox) -> Result<MapGrid, PipelineError> {
     let grid = match &options.like {
         Some(path) => ImageFile::open(path)?.map_grid()?,
         None => {
-            let (w, s, e, n) = source.area();
+            let (w, s, e, n) = trained;
             let [x, y, _] = site.origin.xyz();
             let area = options.area.unwrap_or((x + w, y + s, x + e, y + n));
             MapGrid::covering(site.epsg, area, options.resolution_m)

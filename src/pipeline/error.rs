@@ -532,6 +532,9 @@ impl PipelineError {
     /// Whose fault the failure is.
     #[must_use]
     pub fn kind(&self) -> ErrorKind {
+        if let Some(error) = self.write_error() {
+            return if error.is_full() { ErrorKind::Resources } else { ErrorKind::Failed };
+        }
         match self {
             Self::Interrupted(_)
             | Self::TrainingInterrupted { .. }
@@ -547,33 +550,35 @@ impl PipelineError {
                 | PredictError::Features(FeatureError::Onnx(OnnxError::Memory { .. })),
             ) => ErrorKind::Resources,
             Self::Json { .. }
-            | Self::Write(_)
-            | Self::Mesh(MeshError::Write(_))
-            | Self::Prior(
-                PriorError::Write(_) | PriorError::CommandFailed { .. } | PriorError::CommandTime { .. },
-            )
-            | Self::Perspective(PerspectiveError::Write(_))
+            | Self::Prior(PriorError::CommandFailed { .. } | PriorError::CommandTime { .. })
             | Self::Backend(_)
-            | Self::Predict(PredictError::Write(_))
-            | Self::Learn(LearnError::Write(_) | LearnError::NotFinite { .. })
-            | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
+            | Self::Learn(LearnError::NotFinite { .. })
+            | Self::Raster(RasterError::Encode { .. })
             | Self::Bundle(
-                BundleError::Write(_)
-                | BundleError::Solver { .. }
+                BundleError::Solver { .. }
                 | BundleError::Refit { .. }
-                | BundleError::Raster(RasterError::Write(_) | RasterError::Encode { .. }),
+                | BundleError::Raster(RasterError::Encode { .. }),
             )
-            | Self::Simulate(
-                SimulateError::Write(_)
-                | SimulateError::Folder { .. }
-                | SimulateError::Rpc { .. }
-                | SimulateError::Ray { .. },
-            )
-            | Self::Report(
-                ReportError::Write(_)
-                | ReportError::Raster(RasterError::Write(_) | RasterError::Encode { .. }),
-            ) => ErrorKind::Failed,
+            | Self::Simulate(SimulateError::Rpc { .. } | SimulateError::Ray { .. })
+            | Self::Report(ReportError::Raster(RasterError::Encode { .. })) => ErrorKind::Failed,
             _ => ErrorKind::Input,
+        }
+    }
+
+    /// The file that could not be written, if that is the failure.
+    fn write_error(&self) -> Option<&WriteError> {
+        match self {
+            Self::Write(e)
+            | Self::Mesh(MeshError::Write(e))
+            | Self::Prior(PriorError::Write(e))
+            | Self::Perspective(PerspectiveError::Write(e))
+            | Self::Predict(PredictError::Write(e))
+            | Self::Learn(LearnError::Write(e) | LearnError::Simulate(SimulateError::Write(e)))
+            | Self::Raster(RasterError::Write(e))
+            | Self::Bundle(BundleError::Write(e) | BundleError::Raster(RasterError::Write(e)))
+            | Self::Simulate(SimulateError::Write(e))
+            | Self::Report(ReportError::Write(e) | ReportError::Raster(RasterError::Write(e))) => Some(e),
+            _ => None,
         }
     }
 }

@@ -4,7 +4,7 @@ use super::PipelineError;
 use crate::dsm::{VIEWS_BAND, is_confirmed};
 use crate::io::{Cog, ImageFile, VerticalReference, check_writable, write_file};
 use crate::metrics::{
-    self, Evaluation, HeightRaster, Method, Truth, TruthOptions, error_picture, error_style,
+    self, Evaluation, HeightRaster, Method, Truth, TruthOptions, error_figure, error_style,
 };
 use crate::progress::{Event, Progress};
 use crate::report::{FIGURES, figures};
@@ -24,7 +24,7 @@ pub struct EvaluateOptions {
     pub classes: Option<PathBuf>,
     /// Polygons, or a raster on the truth's grid that is not 0 inside: the inside and the outside are scored apart.
     pub mask: Option<PathBuf>,
-    /// VerticalReference reference of the truth's heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file
+    /// Vertical reference of the truth's heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file
     /// says.
     pub vertical: Option<String>,
     /// EPSG code of a point cloud that does not state its own.
@@ -148,7 +148,7 @@ fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(
     let cog = Cog { grid: evaluation.grid, metadata: &metadata, heights_from: None };
     cog.write_f32(&folder.join(ERROR_MAP), &[("error", "m", &errors)])?;
     write_file(&folder.join(ERROR_STYLE), error_style())?;
-    let picture = error_picture(&errors);
+    let picture = error_figure(&errors, evaluation.cell_m);
     picture.write(&folder.join(ERROR_PICTURE))?;
     for name in FIGURES {
         // Figures of an earlier truth that had classes would stay.

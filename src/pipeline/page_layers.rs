@@ -4,7 +4,7 @@ use super::PipelineError;
 use crate::affine::SiteScene;
 use crate::bundle::Adjustment;
 use crate::frame::{Geodetic, Point, Site, SiteGrid};
-use crate::run_files::{ADJUSTMENT, DSM, MESHES, ORTHO, SPARSE_POINTS};
+use crate::run_files::{ADJUSTMENT, CONFIDENCE, DSM, MESHES, ORTHO, SPARSE_POINTS};
 use crate::viewer::{PageFile, PageLayer, ReliefLayer, ShownLayer, ViewerError, ViewerPage};
 use std::path::Path;
 
@@ -54,15 +54,18 @@ fn glb_offset(bytes: &[u8], site: Option<&SiteGrid>) -> Option<[f64; 3]> {
 
 /// Adds the surface model, if there is one, in the colours of the orthophoto.
 pub(super) fn add_relief(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> Result<(), PipelineError> {
-    let (dsm, ortho) = (run.join(DSM), run.join(ORTHO));
+    let [dsm, ortho, confidence] = [DSM, ORTHO, CONFIDENCE].map(|name| run.join(name));
     if !dsm.exists() {
         return Ok(());
     }
-    let relief = ReliefLayer::read(&dsm, ortho.exists().then_some(ortho.as_path()), site)?;
+    let if_there = |path: &'_ Path| path.exists().then(|| path.to_path_buf());
+    let (ortho, confidence) = (if_there(&ortho), if_there(&confidence));
+    let relief = ReliefLayer::read(&dsm, ortho.as_deref(), confidence.as_deref(), site)?;
     page.files.push(PageFile { name: "relief.bin", bytes: relief.bytes() });
     let layer = PageLayer::Relief {
         file: "relief.bin",
         texture: relief.texture.is_some().then_some("ortho.png"),
+        views: relief.views.is_some().then_some("views.bin"),
         columns: relief.altitudes.width,
         rows: relief.altitudes.height,
         west: relief.west,
@@ -71,6 +74,9 @@ pub(super) fn add_relief(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> 
     };
     if let Some(bytes) = relief.texture {
         page.files.push(PageFile { name: "ortho.png", bytes });
+    }
+    if let Some(bytes) = relief.views {
+        page.files.push(PageFile { name: "views.bin", bytes });
     }
     page.layers.push(ShownLayer { layer, label: "DSM", note: format!("{} m", relief.cell), is_shown: false });
     Ok(())

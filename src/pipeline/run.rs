@@ -1,8 +1,8 @@
 //! All stages of a run in a row: `satgs run`.
 
 use super::adjust::adjust_locked;
-use super::dsm::dsm_locked;
-use super::train::train_locked;
+use super::dsm::{before_training, dsm_locked};
+use super::train::{KnownSurface, train_locked};
 use super::{
     AdjustOptions, DsmOptions, EvaluateOptions, PipelineError, RunLock, StageResult, TrainOptions, evaluate,
     report,
@@ -68,7 +68,9 @@ pub(crate) fn run_adjusted(
     progress: &dyn Progress,
     completed: &mut dyn FnMut(StageResult),
 ) -> Result<(), PipelineError> {
-    completed(StageResult::Trained(train_locked(run, &options.train, progress)?));
+    let mut surface_is_known = |known: KnownSurface| before_training(run, &options.dsm, &known, progress);
+    let trained = train_locked(run, &options.train, progress, &mut surface_is_known)?;
+    completed(StageResult::Trained(trained));
     completed(StageResult::Dsm(dsm_locked(run, &options.dsm, progress)?));
     if let Some(truth) = &options.truth {
         let scoring = EvaluateOptions { overwrite: true, ..options.evaluate.clone() };

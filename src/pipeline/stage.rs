@@ -85,8 +85,12 @@ impl Stage {
         let folder = self.record.parent().unwrap_or(&self.record).to_path_buf();
         let differences = differences.collect::<Vec<_>>().join("; ");
         let hint = match self.name {
-            ADJUSTMENT | TILES | PREDICT_STAGE => "--overwrite makes it anew, another -o keeps both".into(),
-            _ => format!("{}; a copy of RUN keeps both", self.made_by()),
+            TILES | PREDICT_STAGE => "--overwrite makes it anew, another -o keeps both".into(),
+            ADJUSTMENT => "`satgs run … --overwrite` makes everything anew, `satgs ba … --overwrite` this stage; another -o keeps both".into(),
+            _ => format!(
+                "{}, `satgs run … --overwrite` everything; a copy of RUN keeps both",
+                self.made_by()
+            ),
         };
         Err(PipelineError::Changed { folder, differences, hint })
     }

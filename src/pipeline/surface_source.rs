@@ -64,7 +64,12 @@ impl SurfaceSource {
     /// Renders the surface on a map grid.
     pub fn surface(&self, run: &Path, grid: MapGrid) -> Result<Dsm, PipelineError> {
         match self {
-            Self::Satellite(cameras) => satellite_surface(cameras, run, grid),
+            Self::Satellite(cameras) => {
+                let splats = surface_splats(cameras, run)?;
+                let read = || MatchedSurface::read(&run.join(SURFACE), &cameras.setup.site);
+                let matched = cameras.is_matched.then(read).transpose()?;
+                satellite_surface(cameras, &splats, matched.as_ref(), run, grid)
+            }
             Self::Perspective(cameras, site) => {
                 let splats = seen_along(PerspectiveCameras::read_splats(run)?, DOWN);
                 let mut surface = render(&splats, site, grid, &Appearance::default(), HeightsFrom::Median);
@@ -76,24 +81,29 @@ impl SurfaceSource {
     }
 }
 
-fn satellite_surface(cameras: &TrainedCameras, run: &Path, grid: MapGrid) -> Result<Dsm, PipelineError> {
+/// Renders the surface of a satellite scene: the colours of splats in linear colours, and the heights of the matched surface
+/// where there is one.
+pub(super) fn satellite_surface(
+    cameras: &TrainedCameras,
+    splats: &Splats,
+    matched: Option<&MatchedSurface>,
+    run: &Path,
+    grid: MapGrid,
+) -> Result<Dsm, PipelineError> {
     let setup = &cameras.setup;
-    let splats = surface_splats(cameras, run)?;
     let reference = cameras.reference_appearance();
-    let read = || MatchedSurface::read(&run.join(SURFACE), &setup.site);
-    let matched = cameras.is_matched.then(read).transpose()?;
-    let source = match (&matched, cameras.recipe.heights) {
+    let source = match (matched, cameras.recipe.heights) {
         (Some(surface), _) => HeightsFrom::Matched(surface),
         (None, RayHeight::Median) => HeightsFrom::Median,
         (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
     };
-    let mut surface = render(&splats, &setup.site, grid, &reference, source);
+    let mut surface = render(splats, &setup.site, grid, &reference, source);
     setup.transfer_function.encode(&mut surface.colors);
     let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     surface.metadata = vec![("INPUTS", names.join(", "))];
     surface.count_views(&setup.site, &seeing(run, &views)?);
-    if let Some(matched) = &matched {
+    if let Some(matched) = matched {
         surface.mark_filled(matched);
     }
     Ok(surface)

@@ -14,6 +14,7 @@ use super::{
     PipelineError, RunLock, TrainedCameras, appearance, outdated, perspective, read_scene, relocation,
 };
 use crate::affine::{SiteSceneError, median_pixel_m};
+use crate::mvs::MatchedSurface;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, SPLATS};
@@ -22,6 +23,7 @@ use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::loss::{Prior, TermInputs};
+use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::expectation::Extent;
 use crate::splat::train::recipe::Recipe;
@@ -46,7 +48,7 @@ pub fn train(
     let _lock = RunLock::existing(run)?;
     require_one_area(run)?;
     require_no_tile(run)?;
-    let outcome = train_locked(run, options, progress)?;
+    let outcome = train_locked(run, options, progress, &mut |_| Ok(()))?;
     if matches!(outcome, Outcome::Made(_)) {
         outdated::say_outdated(run, progress)?;
         renew_report(run)?;
@@ -54,16 +56,27 @@ pub fn train(
     Ok(outcome)
 }
 
+/// A surface whose heights training will not change, with the cameras and splats that training starts from.
+pub(crate) struct KnownSurface<'a> {
+    pub cameras: TrainedCameras,
+    pub splats: &'a Splats,
+    pub heights: &'a MatchedSurface,
+}
+
+/// What is done with a known surface before splats are trained.
+pub(crate) type SurfaceIsKnown<'a> = &'a mut dyn FnMut(KnownSurface) -> Result<(), PipelineError>;
+
 /// As [`train`]; the caller holds the lock.
 pub(crate) fn train_locked(
     run: &Path,
     options: &TrainOptions,
     progress: &dyn Progress,
+    surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
     let trained = if perspective::is_run(run) {
         perspective::train_locked(run, options, progress)?
     } else {
-        train_satellites(run, options, progress)?
+        train_satellites(run, options, progress, surface_is_known)?
     };
     if matches!(trained, Outcome::Made(_)) {
         outdated::after_training(run, progress)?;
@@ -76,6 +89,7 @@ fn train_satellites(
     run: &Path,
     options: &TrainOptions,
     progress: &dyn Progress,
+    surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
     relocation::finish_locked(run)?;
     let scene = read_scene(run)?;
@@ -83,7 +97,7 @@ fn train_satellites(
     let then = recipe.then.clone();
     // Files are read before the long training.
     let networks = then.as_ref().map(|_| OtherNetworks::read(options)).transpose()?;
-    let trained = train_heights(run, options, recipe, &scene, progress)?;
+    let trained = train_heights(run, options, recipe, &scene, progress, surface_is_known)?;
     let Some((then, networks)) = then.zip(networks) else { return Ok(trained) };
     let colors = appearance::train_locked(run, options, &then, networks, &scene, progress)?;
     Ok(trained.with_colors(colors))
@@ -96,6 +110,7 @@ fn train_heights(
     recipe: Recipe,
     scene: &Scene,
     progress: &dyn Progress,
+    surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
@@ -107,7 +122,8 @@ fn train_heights(
     require_images(scene)?;
     let mut training = Training::new(run, options, recipe, scene)?;
     let (extent, threads) = (Extent::of(&training.setup), rayon::current_num_threads());
-    if training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() && extent.views > 1 {
+    let is_usual = training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none();
+    if is_usual && !options.no_splats && extent.views > 1 {
         let expected = extent.expectation(&training.recipe, threads);
         progress.event(Event::Note(expected.text(&extent, threads)));
     }
@@ -118,7 +134,8 @@ fn train_heights(
     let (every, is_required) = (options.checkpoint_every, options.resume);
     let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
     let taken_up = checkpoints.take_up(views.len(), options.overwrite, progress)?;
-    if taken_up.is_none() {
+    let is_new = taken_up.is_none();
+    if is_new {
         training.match_surface(&views, progress)?;
     }
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
@@ -155,15 +172,21 @@ fn train_heights(
         TrainingScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility: None },
         state,
     )?;
-    progress.event(Event::Resumable(true));
-    let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
-    optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
-        training.take_picture(backend, &views, log.len() as u32, progress)?;
-        checkpoints.keep(at_start, log, backend, progress)
-    })?;
-    progress.event(Event::Resumable(false));
-
-    tracing::info!("{}", backend.times().table());
+    if !options.no_splats {
+        if let Some(heights) = first.as_ref().filter(|_| is_new && !training.refines_surface()) {
+            let start = backend.snapshot()?;
+            let cameras = training.cameras(start, &views, first.as_ref());
+            surface_is_known(KnownSurface { cameras, splats: &start.splats, heights })?;
+        }
+        progress.event(Event::Resumable(true));
+        let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
+        optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
+            training.take_picture(backend, &views, log.len() as u32, progress)?;
+            checkpoints.keep(at_start, log, backend, progress)
+        })?;
+        progress.event(Event::Resumable(false));
+        tracing::info!("{}", backend.times().table());
+    }
     let cameras = training.write(&mut backend, &views, first.as_ref(), &log)?;
     let trained = figures(&cameras, &log, at_start, backend.snapshot()?.splats.len());
     stage.complete(&trained)?;
@@ -174,15 +197,16 @@ fn train_heights(
 fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splats: usize) -> Trained {
     let fits = &cameras.setup.views;
     let views = cameras.appearances.len();
+    let of_images = |column| (!log.is_empty()).then(|| mean_of_last(log, views, column));
     Trained {
-        iterations: cameras.recipe.iterations,
+        iterations: log.len() as u32,
         seconds: log.last().map_or(0.0, |l| l.seconds),
         splats_start,
         splats,
         camera_rms_px: Some(mean(fits.iter().map(|v| v.rms_px))),
         camera_max_px: Some(fits.iter().map(|v| v.max_px).fold(0.0, f64::max)),
-        l1: mean_of_last(log, views, "l1"),
-        ssim: mean_of_last(log, views, "ssim"),
+        l1: of_images("l1"),
+        ssim: of_images("ssim"),
         colors: None,
     }
 }
@@ -207,6 +231,9 @@ fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fi
         ("--seed".into(), options.seed.to_string()),
     ]);
     fingerprint.extend(frame.transpose()?);
+    if options.no_splats {
+        fingerprint.insert("--no-splats".into(), "given".into());
+    }
     if let Some(prediction) = prediction_of(run, &adjustment_fingerprint(run))? {
         fingerprint.insert("predicted splats".into(), prediction);
     } else if options.predict {

@@ -4,7 +4,7 @@ use super::PipelineError;
 use crate::affine::SiteFrame;
 use crate::prior::{InpaintCommand, PriorSource, PriorSources};
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::train::recipe::{PerspectiveRecipe, Recipe, StartPoints};
+use crate::splat::train::recipe::{PerspectiveRecipe, Recipe, Start, StartPoints};
 use std::path::{Path, PathBuf};
 
 /// How to train.
@@ -24,6 +24,9 @@ pub struct TrainOptions {
     pub reference_points: bool,
     /// Number of iterations, to which the recipe's schedule is scaled; by default the recipe's own.
     pub iterations: Option<u32>,
+    /// Stop at the matched surface: no splats are trained, and the orthophoto is rendered from those that training would start
+    /// from.
+    pub no_splats: bool,
     /// Seed of all random numbers. The same seed gives the same bytes.
     pub seed: u64,
     /// Iterations from one checkpoint to the next.
@@ -56,6 +59,7 @@ impl Default for TrainOptions {
             predict: false,
             reference_points: false,
             iterations: None,
+            no_splats: false,
             seed: 0,
             checkpoint_every: 500,
             resume: false,
@@ -94,10 +98,15 @@ impl TrainOptions {
     /// Also [`PipelineError::RecipeOfPerspective`].
     pub fn satellite_recipe(&self) -> Result<Recipe, PipelineError> {
         let recipe = self.recipe()?;
-        match recipe.perspective {
-            Some(_) => Err(PipelineError::RecipeOfPerspective { recipe: recipe.name }),
-            None => self.require_use(recipe),
+        if recipe.perspective.is_some() {
+            return Err(PipelineError::RecipeOfPerspective { recipe: recipe.name });
         }
+        if self.no_splats && (recipe.start != Start::Surface || recipe.then.is_some()) {
+            let found = format!("given with recipe `{}`", recipe.name);
+            let expected = "a recipe whose heights are matched, and nothing more: best";
+            return Err(PipelineError::Option { option: "--no-splats", found, expected });
+        }
+        self.require_use(recipe)
     }
 
     /// As [`TrainOptions::recipe`], of a perspective scene.

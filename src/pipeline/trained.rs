@@ -22,10 +22,13 @@ pub struct Trained {
     /// Largest such distance in any view, pixels; likewise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_max_px: Option<f64>,
-    /// Mean absolute difference between rendered and real image, mean of the last iteration of every view.
-    pub l1: f64,
+    /// Mean absolute difference between rendered and real image, mean of the last iteration of every view; none without an
+    /// iteration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub l1: Option<f64>,
     /// SSIM of rendered and real image, likewise.
-    pub ssim: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ssim: Option<f64>,
     /// The training of colours for novel views that follows in some recipes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colors: Option<TrainedColors>,
@@ -59,7 +62,7 @@ impl Outcome<Trained> {
     }
 }
 
-/// Mean of a column of the log over the last iteration of each of so many views.
+/// Mean of a column of the log over the last iteration of each of so many views; NaN of an empty log.
 pub(super) fn mean_of_last(log: &[LogLine], views: usize, column: &str) -> f64 {
     mean(log[log.len().saturating_sub(views)..].iter().map(|line| line.column(column)))
 }

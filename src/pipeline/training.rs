@@ -12,7 +12,7 @@ use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
 use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
-use crate::scene::{Scene, SearchedHeights};
+use crate::scene::{Role, Scene, SearchedHeights};
 use crate::splat::anchored::StartSplats;
 use crate::splat::appearance::{Appearance, AppearanceKind, affine};
 use crate::splat::backend::TrainingBackend;
@@ -21,6 +21,7 @@ use crate::splat::init;
 use crate::splat::ply;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
+use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::{Recipe, Start};
 use crate::splat::train::{LogLine, pictures};
 use std::path::Path;
@@ -191,30 +192,49 @@ impl<'a> Training<'a> {
         pictures::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations)
     }
 
-    /// Writes what training made; the surface is matched once more if there is one to start `from`.
+    /// Whether the surface is matched once more, with the trained splats. Few views do not refine it.
+    pub fn refines_surface(&self) -> bool {
+        let views = self.setup.views.iter().filter(|view| view.role == Role::Train).count();
+        PlaneSweep::can_refine(views) && !self.options.no_splats
+    }
+
+    /// The cameras of a state of the training.
+    pub fn cameras(
+        &self,
+        state: &TrainingState,
+        views: &[TrainingView],
+        from: Option<&MatchedSurface>,
+    ) -> TrainedCameras {
+        let names = views.iter().map(|v| v.name.clone());
+        TrainedCameras {
+            setup: self.setup.clone(),
+            appearances: names.zip(state.appearances.iter().map(|a| a.0.clone())).collect(),
+            recipe: self.recipe.clone(),
+            is_matched: from.is_some(),
+        }
+    }
+
+    /// Writes what training made, of the surface that it started `from`, if there is one.
     pub fn write(
-        self,
+        &self,
         backend: &mut CpuBackend,
         views: &[TrainingView],
         from: Option<&MatchedSurface>,
         log: &[LogLine],
     ) -> Result<TrainedCameras, PipelineError> {
-        // Few views do not refine the surface.
-        let sweep = from.filter(|_| PlaneSweep::can_refine(views.len())).and_then(|_| self.sweep(views));
-        let names = views.iter().map(|v| v.name.clone());
-        let Self { run, recipe, setup, .. } = self;
+        let sweep = from.filter(|_| self.refines_surface()).and_then(|_| self.sweep(views));
+        let run = self.run;
         let made = backend.snapshot()?;
         if let Some(first) = from {
             let refined = sweep.map(|mut sweep| {
-                let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
+                let trained = altitudes(&made.splats, &self.setup.site, &sweep.grid());
                 sweep.refine(&trained, first)
             });
             refined.as_ref().unwrap_or(first).write(&run.join(SURFACE))?;
         }
         write_log(&run.join(TRAINING), log)?;
         pictures::curves(log).write(&run.join("train/curves.svg"))?;
-        let appearances = names.zip(made.appearances.iter().map(|a| a.0.clone())).collect();
-        let cameras = TrainedCameras { setup, appearances, recipe, is_matched: from.is_some() };
+        let cameras = self.cameras(made, views, from);
         cameras.write_splats(run, &made.splats)?;
         if cameras.recipe.then.is_some() {
             let shown = cameras.read_shown_splats(run)?;

@@ -1,19 +1,22 @@
-//! Report of a run as one self-contained HTML page: inputs, residuals, training curves, surface, scores, commands.
+//! Report of a run as one self-contained HTML page: the result first, then scores, surface, inputs, residuals, training, commands.
 //!
 //! The page is made from the files in the run's folder. A section whose stage has not run yet names the command that runs
 //! it.
 
 mod figures;
 mod held_back;
+mod map;
 mod photographs;
 mod pictures;
+mod result;
 mod score_table;
 mod sections;
 
 pub use figures::{FIGURES, figures};
 pub use pictures::{map_of_page, shaded};
+pub use result::result;
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
-pub use sections::{adjustment, scores, surface, table};
+pub use sections::{adjustment, commands, scores, surface, table};
 
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
 use crate::run_files::{DSM, NVS_SCORES, PAGE, PRIOR_PICTURES, SCENE, START};
@@ -64,14 +67,15 @@ type Section = (&'static str, &'static str, String);
 
 fn of_satellites(run: &Path) -> Result<Vec<Section>, ReportError> {
     let mut sections = vec![
+        ("result", "Result", result::result(run)?),
+        ("scores", "Scores", sections::scores(run)?),
+        ("surface", "Surface", sections::surface(run)?),
         ("inputs", "Inputs", sections::inputs(run)?),
         ("adjustment", "Adjustment", sections::adjustment(run)?),
         ("training", "Training", sections::training(run)?),
-        ("surface", "Surface", sections::surface(run)?),
-        ("scores", "Scores", sections::scores(run)?),
     ];
     if run.join(NVS_SCORES).exists() {
-        sections.push(("views", "Novel views", held_back::held_back(run)?));
+        sections.insert(3, ("views", "Novel views", held_back::held_back(run)?));
     }
     sections.push(("commands", "Versions and commands", sections::commands(run)?));
     Ok(sections)
@@ -79,12 +83,13 @@ fn of_satellites(run: &Path) -> Result<Vec<Section>, ReportError> {
 
 fn of_photographs(run: &Path) -> Result<Vec<Section>, ReportError> {
     let mut sections = vec![
+        ("result", "Result", result::result(run)?),
+        ("views", "Views held back", held_back::held_back(run)?),
         ("inputs", "Inputs", photographs::views(run)?),
         ("training", "Training", sections::training(run)?),
-        ("views", "Views held back", held_back::held_back(run)?),
     ];
     if run.join(START).exists() {
-        sections.insert(1, ("start", "Aligned depths", photographs::start(run)?));
+        sections.insert(3, ("start", "Aligned depths", photographs::start(run)?));
     }
     if run.join(PRIOR_PICTURES).exists() {
         sections.push(("priors", "Priors", photographs::priors(run)?));

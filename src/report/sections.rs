@@ -2,14 +2,13 @@
 
 use super::figures::FIGURES;
 use super::pictures::{img, map_of_page, rgb_of, shaded};
-use super::{ReportError, SCORE_NOTE, ScoreTable, score_tables};
+use super::{ReportError, SCORE_NOTE, ScoreTable, map, score_tables};
 use crate::bundle::{ADJUSTMENT_FIGURES, Report};
-use crate::dsm::CellCounts;
+use crate::dsm::{CellCounts, VIEWS_BAND};
 use crate::io::{Chart, Grid2, MapGrid, ReadError, escape_xml, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
-    ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE,
-    TRAINING,
+    ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, ERROR_MAP, EVALUATION, METRICS, SCENE, STAGE, TRAINING,
 };
 use crate::scene::{Role, Scene};
 use serde::de::DeserializeOwned;
@@ -64,13 +63,14 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
     let head =
         ["view", "acquired", "pixels", "azimuth", "off-nadir", "sun azimuth", "sun elevation", "used for"];
     out.push_str(&table("Views", &head, rows));
-    if let Ok(drawing) = scene.overlap().and_then(|overlap| scene.skyplot(&overlap)) {
+    if let Ok([ground, sky]) = scene.overlap().and_then(|overlap| scene.skyplots(&overlap)) {
         let _ = writeln!(
             out,
-            "<figure>{}<figcaption>Left: footprints of the views (blue) and the area of interest (green), north up. Right: \
-             the sky above the scene, with the zenith in the middle and a ring every 30°; satellites are blue, hollow for test \
-             views, suns are orange.</figcaption></figure>",
-            drawing.svg("footprints of the views, and sky plot of satellites and suns")
+            "<div class=\"charts\">\n<figure>{}<figcaption>Footprints of the views (blue) and the area of interest \
+             (green)</figcaption></figure>\n<figure>{}<figcaption>The sky above the scene, with the zenith in the middle: \
+             satellites are blue, hollow for test views, suns are orange</figcaption></figure>\n</div>",
+            ground.svg("footprints of the views on the ground"),
+            sky.svg("directions to satellites and suns in the sky")
         );
     }
     Ok(out)
@@ -99,8 +99,20 @@ pub fn adjustment(run: &Path) -> Result<String, ReportError> {
     });
     let head = ["view", "points", "before px", "after px", "RMS px", "shift col px", "shift row px"];
     out.push_str(&table("Residuals", &head, rows));
-    let drawings = ADJUSTMENT_FIGURES.map(|name| std::fs::read_to_string(run.join(ADJUSTMENT).join(name)));
-    out.push_str(&figures(drawings.into_iter().flatten()));
+    let captions = [
+        "Residuals of the tie points in each view, enlarged 40 times",
+        "",
+        "Views on a circle: the darker a line, the more tie points two views share",
+        "",
+    ];
+    out.push_str("<div class=\"charts\">\n");
+    for (name, caption) in ADJUSTMENT_FIGURES.iter().zip(captions) {
+        let Ok(svg) = std::fs::read_to_string(run.join(ADJUSTMENT).join(name)) else { continue };
+        let caption =
+            if caption.is_empty() { String::new() } else { format!("<figcaption>{caption}</figcaption>") };
+        let _ = writeln!(out, "<figure>{svg}{caption}</figure>");
+    }
+    out.push_str("</div>\n");
     for (view, reason) in &report.left_out {
         let _ = writeln!(out, "<p class=\"note\">Left out: {}, {}</p>", escape_xml(view), escape_xml(reason));
     }
@@ -150,7 +162,7 @@ pub(super) fn training(run: &Path) -> Result<String, ReportError> {
     ))
 }
 
-/// Hillshade and orthophoto of a run, as HTML.
+/// What the surface model of a run rests on, as HTML: extent, shares and map of confirmed and filled cells.
 ///
 /// # Errors
 /// [`ReportError`] if a raster cannot be read.
@@ -163,28 +175,21 @@ pub fn surface(run: &Path) -> Result<String, ReportError> {
     let height = &bands[0];
     let (low, high) =
         height.valid().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    let counts = CellCounts::of_files(&path, &run.join(CONFIDENCE))?;
+    let confidence = run.join(CONFIDENCE);
+    let counts = CellCounts::of_files(&path, &confidence)?;
     let (west, south, east, north) = grid.bounds();
     let mut out = format!(
         "<p>EPSG:{}, {west:.1} to {east:.1} m east, {south:.1} to {north:.1} m north; heights from {low:.1} to {high:.1} m; \
-         {}.</p>\n<div class=\"maps\">\n<figure>{}<figcaption>Surface, lit from the \
-         north-west</figcaption></figure>\n",
+         {}.</p>\n",
         grid.epsg,
         counts.text(),
-        shaded(height, &grid, "Hillshade of the surface model")?
     );
-    let ortho = run.join(ORTHO);
-    if ortho.exists() {
-        let (mut bands, grid) = map_of_page(&ortho)?;
-        bands.truncate(3);
-        for v in bands.iter_mut().flat_map(|b| &mut b.data) {
-            *v /= 255.0;
+    if counts.confirmed.is_some() {
+        let (confidence, of) = map_of_page(&confidence)?;
+        if let Some(views) = confidence.get(VIEWS_BAND - 1).filter(|_| of == grid) {
+            let _ = writeln!(out, "<div class=\"maps\">\n{}</div>", map::confidence(height, views, &grid)?);
         }
-        let picture = img(grid.width, grid.height, &rgb_of(&bands), "Orthophoto without shadows", "")?;
-        let _ =
-            writeln!(out, "<figure>{picture}<figcaption>Orthophoto without shadows</figcaption></figure>");
     }
-    out.push_str("</div>\n");
     Ok(out)
 }
 
@@ -213,8 +218,11 @@ pub fn scores(run: &Path) -> Result<String, ReportError> {
     Ok(out)
 }
 
-/// Version, command and inputs of every stage.
-pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
+/// Version, command and inputs of every stage, as HTML.
+///
+/// # Errors
+/// [`ReportError`] if a record is damaged.
+pub fn commands(run: &Path) -> Result<String, ReportError> {
     let mut out = String::new();
     for stage in STAGES {
         let Some(record) = read_if_present::<Value>(&run.join(stage).join(STAGE))? else { continue };
@@ -239,8 +247,8 @@ fn slider(surface: &Grid2, errors: &Grid2, grid: &MapGrid) -> Result<String, Rep
     Ok(format!(
         "<figure class=\"compare\" style=\"--at:50%\">\n<div class=\"pair\">{}{}<span class=\"edge\"></span></div>\n\
          <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" aria-label=\"Position of the border between surface and error \
-         map\">\n<div class=\"scale\"><span>-3 m</span>{}<span>+3 m</span></div>\n<figcaption>Left: hillshade of \
-         the surface; right: its errors; grey cells are not scored.</figcaption>\n</figure>\n",
+         map\">\n<div class=\"scale\"><span>3 m too low</span>{}<span>3 m too high</span></div>\n<figcaption>Left: hillshade of \
+         the surface; right: its errors against the truth after registration xyz; grey cells are not scored.</figcaption>\n</figure>\n",
         shaded(surface, grid, "Hillshade of the surface model on the truth's grid")?,
         img(picture.width, picture.height, &picture.data, alt, "over")?,
         img(

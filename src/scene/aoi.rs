@@ -90,6 +90,11 @@ impl Aoi {
         Self::checked(all.convex_hull().exterior().coords().map(|c| [c.x, c.y]).collect())
     }
 
+    /// The area with longitudes and latitudes exchanged; none if that is no area.
+    pub(super) fn swapped(&self) -> Option<Self> {
+        Self::checked(self.0.iter().map(|[lon, lat]| [*lat, *lon]).collect()).ok()
+    }
+
     fn checked(ring: Vec<[f64; 2]>) -> Result<Self, SceneError> {
         let wrong = |reason: String| Err(SceneError::Area { reason });
         if let Some([lon, lat]) = ring.iter().find(|[lon, lat]| !(lon.abs() <= 540.0 && lat.abs() <= 90.0)) {

@@ -89,6 +89,26 @@ pub(super) fn refuse_blind(scene: &Scene) -> Result<(), SceneError> {
     Ok(())
 }
 
+/// Compares the heights to search with those for which the RPCs are made: a warning if none of them is searched.
+///
+/// # Errors
+/// [`SceneError::HeightsElsewhere`] if they are farther apart than the heights of the RPCs from each other, where RPCs mean
+/// nothing.
+pub(super) fn require_heights_of_rpcs(scene: &mut Scene, (low, high): (f64, f64)) -> Result<(), SceneError> {
+    let (rpc_low_m, rpc_high_m) = scene.height_range();
+    let apart = (low - rpc_high_m).max(rpc_low_m - high);
+    if low < high && rpc_low_m < rpc_high_m && apart > rpc_high_m - rpc_low_m {
+        return Err(SceneError::HeightsElsewhere { low_m: low, high_m: high, rpc_low_m, rpc_high_m });
+    }
+    if apart > 0.0 {
+        scene.warnings.push(format!(
+            "--height-range {low},{high} lies outside of the heights of the RPCs, {rpc_low_m:.0} to {rpc_high_m:.0} m above the \
+             ellipsoid"
+        ));
+    }
+    Ok(())
+}
+
 /// Adds the warnings of a scene, one per cause. A sun that is too low is removed: such a view is trained without
 /// shadows.
 pub(super) fn warn(scene: &mut Scene) {

@@ -26,7 +26,9 @@ impl Scene {
         if kept.is_empty() {
             let height = 0.5 * (heights.0 + heights.1);
             let footprint = self.views.first().map_or_else(String::new, |v| v.place(height));
-            return Err(SceneError::AreaNotSeen { area: aoi.place(), footprint });
+            let sees = |aoi: &Aoi| self.views.iter().any(|view| view.window_showing(aoi, heights).is_some());
+            let is_swapped = aoi.swapped().is_some_and(|swapped| sees(&swapped));
+            return Err(SceneError::AreaNotSeen { area: aoi.place(), footprint, is_swapped });
         }
         if !without.is_empty() {
             self.warnings.push(format!("left out, because they do not see the area: {}", without.join(", ")));

@@ -59,6 +59,7 @@ impl Scene {
     pub fn dem(&self, path: &Path, vertical: Option<&VerticalReference>) -> Result<Dem, SceneError> {
         let elsewhere = || SceneError::DemElsewhere { path: path.into() };
         let file = ImageFile::open(path)?;
+        file.require_heights()?;
         let stated = match vertical {
             Some(_) => None,
             None => Some(stated_reference(&file)?),

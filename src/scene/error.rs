@@ -21,22 +21,26 @@ pub enum SceneError {
         cause: std::io::Error,
     },
     /// The path is a file where a folder is expected.
-    #[error("scene `{path}` is a file, a folder is expected")]
-    #[diagnostic(help(
-        "give the folder that holds the images, or a list of views: TOML, STAC JSON (`satgs info --help`)"
-    ))]
+    #[error("scene `{path}` is a file, a folder is expected{found}")]
+    #[diagnostic(help("{next_step}"))]
     NotAFolder {
         /// The path given.
         path: PathBuf,
+        /// What it is, as a clause after a colon; empty if that is not known.
+        found: String,
+        /// What to do about it.
+        next_step: String,
     },
     /// The folder holds no images.
-    #[error("no images found in `{path}`")]
-    #[diagnostic(help(
-        "images end in .tif, .tiff, .ntf, .nitf, .nsf, .jp2, .j2k or .vrt; sub-folders other than `images/` are not searched"
-    ))]
+    #[error("no images found in `{path}`{found}")]
+    #[diagnostic(help("{next_step}"))]
     NoImages {
         /// The folder that was searched.
         path: PathBuf,
+        /// What it holds instead, as a clause after a colon; empty for nothing that is known.
+        found: String,
+        /// What to do about it.
+        next_step: String,
     },
     /// No RPC was found for an image.
     #[error("`{path}` has no RPC, neither inside nor beside it{what}")]
@@ -231,6 +235,23 @@ pub enum SceneError {
         /// Middle of the height ranges of the other views, metres.
         usual_m: f64,
     },
+    /// The heights to search lie far from those for which the RPCs are made.
+    #[error(
+        "--height-range {low_m},{high_m} lies outside of the heights of the RPCs, {rpc_low_m:.0} to {rpc_high_m:.0} m above the ellipsoid"
+    )]
+    #[diagnostic(help(
+        "give heights above the ellipsoid, not above sea level; without the option the heights of the RPCs are searched, and --dem FILE takes them from an elevation model"
+    ))]
+    HeightsElsewhere {
+        /// Lowest height to search, metres.
+        low_m: f64,
+        /// Highest height to search, metres.
+        high_m: f64,
+        /// Lowest height of the RPCs, metres.
+        rpc_low_m: f64,
+        /// Highest height of the RPCs, metres.
+        rpc_high_m: f64,
+    },
     /// No ground point can be localised with a camera.
     #[error("the RPC of `{view}` ({source_file}) sees no ground at a height of {height_m} m")]
     #[diagnostic(help(
@@ -256,9 +277,11 @@ pub enum SceneError {
     /// No view sees the area of interest.
     #[error("no view sees the area ({area}); the first sees {footprint}")]
     #[diagnostic(help(
-        "`satgs info` without the area lists the footprints; a cropped image needs an RPC that was shifted with the crop"
+        "{}", if *is_swapped { "longitude and latitude are exchanged: --aoi is WEST,SOUTH,EAST,NORTH, and GeoJSON has [longitude, latitude]" } else { "`satgs info` without the area lists the footprints; a cropped image needs an RPC that was shifted with the crop" }
     ))]
     AreaNotSeen {
+        /// Whether views see the area once its longitudes and latitudes are exchanged.
+        is_swapped: bool,
         /// Extent of the area.
         area: String,
         /// Extent of the footprint of the first view.

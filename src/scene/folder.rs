@@ -4,6 +4,7 @@
 //! by more than 0.1 px give a warning. The lists `test.txt` and `train.txt` ([`Roles`]) lie beside the images.
 
 use super::files::{has_extension, stem};
+use super::found::no_images;
 use super::roles::Roles;
 use super::sidecar::Sidecars;
 use super::source::{files_in, images_in, is_companion, no_rpc, other_rasters, view};
@@ -38,7 +39,7 @@ pub(super) fn read(
         }
     }
     match (without.first(), views.is_empty()) {
-        (None, true) => return Err(SceneError::NoImages { path: folder.into() }),
+        (None, true) => return Err(no_images(folder)),
         (Some(image), true) => return Err(no_rpc(image)),
         _ => {}
     }

@@ -1,5 +1,6 @@
 //! Reads a scene from disk, in any layout, and collects warnings.
 
+use super::found::{Found, no_images, not_a_folder};
 use super::source::{files_in, images_in, is_image};
 use super::{Aoi, Scene, SceneError, Sun, TransferFunction, View, checks, dfc2019, folder, manifest};
 use crate::io::{ImageFile, vsi};
@@ -44,16 +45,20 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     if !is_folder && let Err(cause) = vsi::size(path) {
         return Err(SceneError::Unreadable { path: path.into(), cause });
     }
+    let found = if is_folder { Found::Nothing } else { Found::at(path) };
+    if found != Found::Nothing {
+        return Err(not_a_folder(path, &found));
+    }
     let mut warnings = Vec::new();
     let (views, listed_aoi) = if !is_folder && !is_image(path) {
         manifest::read(path, options.trust_rpc, &mut warnings)?
     } else if is_folder {
         (in_folder(path, options, &mut warnings)?, None)
     } else {
-        return Err(SceneError::NotAFolder { path: path.into() });
+        return Err(not_a_folder(path, &found));
     };
     if views.is_empty() {
-        return Err(SceneError::NoImages { path: path.into() });
+        return Err(no_images(path));
     }
     let mut scene =
         Scene { views, aoi: None, heights: None, transfer_function: TransferFunction::default(), warnings };
@@ -63,6 +68,9 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     checks::refuse_blind(&scene)?;
     choose_bands(&mut scene, options)?;
     checks::warn(&mut scene);
+    if let Some(heights) = options.height_range {
+        checks::require_heights_of_rpcs(&mut scene, heights)?;
+    }
     if let Some(aoi) = options.aoi.clone().or(listed_aoi) {
         let heights = options.height_range.unwrap_or_else(|| scene.height_range());
         scene.crop(aoi, heights)?;

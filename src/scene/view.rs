@@ -6,6 +6,7 @@ use crate::frame::{CenterPx, Geodetic, Pixel, Point, wrap_longitude_deg};
 use crate::io::Window;
 use crate::rpc::Rpc;
 use crate::rpc::formats::ViewTags;
+use crate::stats::bounds;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -134,9 +135,8 @@ impl Scene {
     /// [`SearchedHeights::with_tie_points`] of [`Scene::heights`], with the heights of the tie points.
     #[must_use]
     pub fn heights_with(&self, tie_points: impl Iterator<Item = f64>) -> SearchedHeights {
-        let bounds = tie_points.map(|h| (h, h)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
         let heights = self.heights();
-        bounds.map_or(heights, |bounds| heights.with_tie_points(bounds))
+        bounds(tie_points).map_or(heights, |found| heights.with_tie_points(found))
     }
 
     /// Lowest and highest of [`Scene::heights`], metres.

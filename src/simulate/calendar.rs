@@ -1,8 +1,10 @@
 //! Dates and times of acquisitions, and the sun at them.
 
-use super::geodesy::sun_at;
+use super::error::SimulateError;
+use super::geodesy::{PLACE, sun_at};
 use super::keyed_rng::KeyedRng;
 use crate::frame::{Geodetic, Point};
+use crate::rpc::formats::iso_date;
 use crate::scene::Sun;
 
 /// Lowest elevation of the sun in an image, degrees. Farther shadows would reach beyond the margin of the town.
@@ -13,6 +15,17 @@ const FIRST_MINUTE: u32 = 9 * 60 + 35;
 const MINUTES: f64 = 75.0;
 /// A minute, UTC, when the sun has culminated on any day.
 const AFTER_NOON_MINUTE: u32 = 12 * 60;
+/// Minutes in which the sun moves by a degree, and minutes of a day.
+const MINUTES_PER_DEGREE: f64 = 4.0;
+const DAY_MINUTES: i64 = 24 * 60;
+const YEAR_DAYS: u32 = 365;
+/// Days of the months of a year that is no leap year.
+const MONTHS: [u32; 12] = [31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+
+/// The day of the year with the season in the northern hemisphere that a day has at a place, and the reverse, to a day.
+pub(super) fn season_day(day_of_year: u32, place: Point<Geodetic>) -> u32 {
+    if place.lat_deg() >= 0.0 { day_of_year } else { (day_of_year + YEAR_DAYS / 2 - 1) % YEAR_DAYS + 1 }
+}
 
 /// How the images are distributed over the year.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +42,24 @@ pub(super) struct Moment {
     pub(super) sun: Sun,
     /// ISO 8601 in UTC.
     pub(super) acquired: String,
+}
+
+impl Moment {
+    /// A time that a user plans, in any of the formats that [`iso_date`] reads.
+    pub(super) fn at(time: &str, place: Point<Geodetic>) -> Result<Self, SimulateError> {
+        // Seconds may be left out.
+        let whole = format!("{}:00", time.trim().trim_end_matches(['Z', 'z']));
+        let acquired = [time, &whole].into_iter().filter_map(iso_date).find(|iso| iso.contains('T'));
+        let acquired = acquired.ok_or_else(|| SimulateError::Time { found: time.to_owned() })?;
+        let number =
+            |from: usize, to: usize| acquired.get(from..to).and_then(|t| t.parse::<u32>().ok()).unwrap_or(0);
+        let months = MONTHS.iter().take(number(5, 7).saturating_sub(1) as usize);
+        let day_of_year = months.sum::<u32>() + number(8, 10);
+        let hours =
+            f64::from(number(11, 13)) + f64::from(number(14, 16)) / 60.0 + f64::from(number(17, 19)) / 3600.0;
+        let sun = sun_at(day_of_year, hours, place);
+        Ok(Self { day_of_year, sun, acquired })
+    }
 }
 
 impl Calendar {
@@ -57,14 +88,20 @@ impl Calendar {
 
     /// The time at which an image is taken on a day: in the late morning, or as much later as the sun needs to be high enough.
     pub(super) fn moment(self, index: usize, day: u32, rng: KeyedRng, place: Point<Geodetic>) -> Moment {
-        let mut minute = FIRST_MINUTE + (rng.key(3).uniform() * MINUTES) as u32;
+        // The minutes are those of the town; elsewhere the sun is as high at other ones.
+        let later = ((PLACE.lon_deg() - place.lon_deg()) * MINUTES_PER_DEGREE).round() as i64;
+        let mut minute = i64::from(FIRST_MINUTE) + later + (rng.key(3).uniform() * MINUTES) as i64;
         let second = (rng.key(4).uniform() * 60.0) as u32;
-        let sun = |minute: u32| sun_at(day, (f64::from(minute) + f64::from(second) / 60.0) / 60.0, place);
-        while sun(minute).elevation_deg < LOWEST_SUN_DEG && minute < AFTER_NOON_MINUTE {
+        let sun = |minute: i64| sun_at(day, (minute as f64 + f64::from(second) / 60.0) / 60.0, place);
+        while sun(minute).elevation_deg < LOWEST_SUN_DEG && minute < i64::from(AFTER_NOON_MINUTE) + later {
             minute += 1;
         }
-        let (month, day_of_month) = month_and_day(day);
-        let (year, hour, minute_of_hour) = (self.year(index), minute / 60, minute % 60);
+        // The day in UTC may be the one before or after.
+        let utc_day =
+            (i64::from(day) + minute.div_euclid(DAY_MINUTES) - 1).rem_euclid(i64::from(YEAR_DAYS)) + 1;
+        let (month, day_of_month) = month_and_day(utc_day as u32);
+        let minute_of_day = minute.rem_euclid(DAY_MINUTES);
+        let (year, hour, minute_of_hour) = (self.year(index), minute_of_day / 60, minute_of_day % 60);
         Moment {
             day_of_year: day,
             sun: sun(minute),
@@ -77,7 +114,7 @@ impl Calendar {
 
 fn month_and_day(day_of_year: u32) -> (u32, u32) {
     let mut day = day_of_year;
-    for (month, length) in (1..).zip([31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31]) {
+    for (month, length) in (1..).zip(MONTHS) {
         if day <= length {
             return (month, day);
         }

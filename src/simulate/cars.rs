@@ -37,9 +37,33 @@ pub(super) enum Cover {
     Shadow,
 }
 
+/// Width of a row of cars where streets are unknown, metres.
+const ROW_M: f64 = 3.3;
+/// Sine and cosine of the angle between the map's axes and rows of cars where streets are unknown.
+const TURN: (f64, f64) = (0.28, 0.96);
+
+/// Where cars drive.
+#[derive(Clone, Copy)]
+pub(super) enum Roads<'a> {
+    /// In the lanes of a town.
+    Streets(&'a Plan),
+    /// In rows on ground that looks like asphalt.
+    Open(&'a Field),
+}
+
+impl Roads<'_> {
+    /// Coordinates along the axes of the streets or rows.
+    fn along_axes(&self, x: f64, y: f64) -> [f64; 2] {
+        match self {
+            Self::Streets(plan) => plan.town_from_map(x, y),
+            Self::Open(_) => [TURN.1 * x + TURN.0 * y, TURN.1 * y - TURN.0 * x],
+        }
+    }
+}
+
 /// The cars of one view, drawn as colours of the street surface.
 pub(super) struct Cars<'a> {
-    plan: &'a Plan,
+    roads: Roads<'a>,
     rng: KeyedRng,
     /// Vector from the end of a car's shadow to the car, metres along the axes of the town.
     shadow: [f64; 2],
@@ -48,10 +72,10 @@ pub(super) struct Cars<'a> {
 
 impl<'a> Cars<'a> {
     /// The cars of one view; `sun` is the unit vector to the sun in map axes.
-    pub(super) fn new(plan: &'a Plan, rng: KeyedRng, sun: [f64; 3], traffic: Traffic) -> Self {
+    pub(super) fn new(roads: Roads<'a>, rng: KeyedRng, sun: [f64; 3], traffic: Traffic) -> Self {
         const HEIGHT_M: f64 = 1.4;
         let length = 0.6 * HEIGHT_M / sun[2].max(0.3);
-        Self { plan, rng, shadow: plan.town_from_map(sun[0] * length, sun[1] * length), traffic }
+        Self { roads, rng, shadow: roads.along_axes(sun[0] * length, sun[1] * length), traffic }
     }
 
     /// The same cars with another fraction of the slots filled: of two fractions, the larger one adds cars and moves none.
@@ -78,15 +102,19 @@ impl<'a> Cars<'a> {
         if field.nearest(x, y).material != Material::Asphalt {
             return None;
         }
-        let at = self.plan.town_from_map(x, y);
+        let at = self.roads.along_axes(x, y);
         Some([self.slot(at), self.slot([at[0] + self.shadow[0], at[1] + self.shadow[1]])])
     }
 
     /// The slot whose car has its body at a position in town coordinates.
     fn slot(&self, at: [f64; 2]) -> Option<Slot> {
-        let distances = self.plan.street_distances(at);
-        let block = self.plan.block_at(at);
-        let center = self.plan.block_center(block);
+        let plan = match self.roads {
+            Roads::Streets(plan) => plan,
+            Roads::Open(field) => return self.open_slot(field, at),
+        };
+        let distances = plan.street_distances(at);
+        let block = plan.block_at(at);
+        let center = plan.block_center(block);
         let Traffic { slot_m, jitter_m, .. } = self.traffic;
         (0..2).find_map(|across| {
             let along = 1 - across;
@@ -104,10 +132,24 @@ impl<'a> Cars<'a> {
             if u.abs() > HALF_M[0] || v.abs() > HALF_M[1] {
                 return None;
             }
-            let is_glass = (0.5..1.1).contains(&u) || (-1.7..-1.3).contains(&u);
-            let color = if is_glass { [0.05, 0.06, 0.07] } else { car_color(rng.key(2)) };
-            Some(Slot { draw: rng.uniform(), color })
+            Some(Slot::new(rng, u))
         })
+    }
+
+    /// As [`Cars::slot`], where a car needs asphalt under its middle and its ends.
+    fn open_slot(&self, field: &Field, at: [f64; 2]) -> Option<Slot> {
+        let Traffic { slot_m, jitter_m, .. } = self.traffic;
+        let (slot, row) = ((at[0] / slot_m).floor(), (at[1] / ROW_M).floor());
+        let rng = self.rng.key(row as i64).key(slot as i64);
+        let middle =
+            [(slot + 0.5) * slot_m + rng.key(1).uniform_in(-jitter_m, jitter_m), (row + 0.5) * ROW_M];
+        let (u, v) = (at[0] - middle[0], at[1] - middle[1]);
+        let is_asphalt = |along: f64| {
+            let [a, b] = [middle[0] + along, middle[1]];
+            field.nearest(TURN.1 * a - TURN.0 * b, TURN.0 * a + TURN.1 * b).material == Material::Asphalt
+        };
+        let is_car = u.abs() <= HALF_M[0] && v.abs() <= HALF_M[1];
+        (is_car && [-HALF_M[0], 0.0, HALF_M[0]].into_iter().all(is_asphalt)).then(|| Slot::new(rng, u))
     }
 }
 
@@ -117,4 +159,13 @@ struct Slot {
     draw: f64,
     /// Colour of the car at the position asked for.
     color: Albedo,
+}
+
+impl Slot {
+    /// The place of a car at `along_m` from its middle, towards its front.
+    fn new(rng: KeyedRng, along_m: f64) -> Self {
+        let is_glass = (0.5..1.1).contains(&along_m) || (-1.7..-1.3).contains(&along_m);
+        let color = if is_glass { [0.05, 0.06, 0.07] } else { car_color(rng.key(2)) };
+        Self { draw: rng.uniform(), color }
+    }
 }

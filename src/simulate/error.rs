@@ -1,7 +1,7 @@
 //! Errors of the simulation.
 
 use crate::frame::FrameError;
-use crate::io::WriteError;
+use crate::io::{RasterError, VerticalError, WriteError};
 use crate::progress::Interrupted;
 use crate::rpc::{LocalizeError, RpcError};
 use std::path::PathBuf;
@@ -21,6 +21,41 @@ pub enum SimulateError {
         /// The valid values.
         expected: &'static str,
     },
+    /// A planned time is none.
+    #[error("`{found}` is no time of an image")]
+    #[diagnostic(help("expected a date and a time of day in UTC, such as 2024-07-15T10:30"))]
+    Time {
+        /// The given text.
+        found: String,
+    },
+    /// The sun is too low at a planned time.
+    #[error("the sun is {elevation_deg:.0} degrees high at {acquired}, expected 5 degrees or more")]
+    #[diagnostic(help("times of images are in UTC"))]
+    Night {
+        /// The planned time.
+        acquired: String,
+        /// Elevation of the sun, degrees.
+        elevation_deg: f64,
+    },
+    /// A surface or a picture cannot be used.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help(
+        "--surface and --texture take north-up rasters in one projected CRS in metres that show the same place"
+    ))]
+    Surface {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A surface or a picture cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    /// The vertical reference of a surface is not known.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Vertical(#[from] VerticalError),
     /// The output folder is not empty.
     #[error("`{path}` is not empty")]
     #[diagnostic(help("--overwrite replaces an earlier simulation; another folder keeps both"))]
@@ -28,15 +63,7 @@ pub enum SimulateError {
         /// The folder.
         path: PathBuf,
     },
-    /// The folder cannot be read, created or cleared.
-    #[error("`{path}`: {cause}")]
-    Folder {
-        /// The folder or file.
-        path: PathBuf,
-        /// Error of the file system.
-        cause: std::io::Error,
-    },
-    /// An output could not be written.
+    /// An output could not be written, or the folder not be created or cleared.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Write(#[from] WriteError),

@@ -13,6 +13,11 @@ pub(super) enum Material {
     Roof,
     Tree,
     Water,
+    Rock,
+    Scree,
+    Snow,
+    /// Ground of unknown height: an image shows nothing there.
+    Void,
 }
 
 /// One node of the field.
@@ -46,8 +51,10 @@ pub(super) type Place = [f64; 3];
 const LEAP_M: f64 = 2.0;
 /// Number of steps of a ray per distance between nodes.
 const STEPS_PER_NODE: f64 = 2.0;
-/// Bisections that locate the intersection within a step: 0.1 m / 2¹⁴ is 6 µm.
+/// Fewest bisections that locate the intersection within a step: 0.1 m / 2¹⁴ is 6 µm.
 const HALVINGS: usize = 14;
+/// Height within which an intersection is located, metres: more bisections follow where a step of a steep ray descends far.
+const EXACT_M: f64 = 1e-3;
 
 impl Field {
     /// A field over ±`half_m` with a node every `step_m`; nodes are ordered row by row from the south.
@@ -57,10 +64,14 @@ impl Field {
         let ceiling_side = (2.0 * half_m / LEAP_M).ceil() as usize + 1;
         let mut highest = vec![f32::NEG_INFINITY; ceiling_side * ceiling_side];
         let (mut lowest_m, mut highest_m) = (f64::INFINITY, f64::NEG_INFINITY);
+        // A node belongs to every cell that reaches between its neighbours, because heights are interpolated there.
+        let cell = |i: usize| (i as f64 * step_m / LEAP_M) as usize;
+        let cells = |i: usize| cell(i.saturating_sub(1))..=cell((i + 1).min(side - 1));
         for (k, node) in nodes.iter().enumerate() {
-            let cell = |i: usize| (i as f64 * step_m / LEAP_M) as usize;
-            let slot = &mut highest[cell(k / side) * ceiling_side + cell(k % side)];
-            *slot = slot.max(node.height_m as f32 + 0.01);
+            for (r, c) in cells(k / side).flat_map(|r| cells(k % side).map(move |c| (r, c))) {
+                let slot = &mut highest[r * ceiling_side + c];
+                *slot = slot.max(node.height_m as f32 + 0.01);
+            }
             lowest_m = lowest_m.min(node.height_m);
             highest_m = highest_m.max(node.height_m);
         }
@@ -144,6 +155,7 @@ impl Field {
         let (from, to) = (path(0.0), path(1.0));
         let run_m = (to[0] - from[0]).hypot(to[1] - from[1]).max(1e-6);
         let (leap, fine) = (LEAP_M / run_m, (self.step_m / STEPS_PER_NODE / run_m).min(1.0));
+        let halvings = HALVINGS.max(((from[2] - to[2]) * fine / EXACT_M).log2().ceil() as usize);
         let above = |p: Place| p[2] > self.height_m(p[0], p[1]);
         let mut t = 0.0;
         let mut here = from;
@@ -158,7 +170,7 @@ impl Field {
             let far = path(after);
             if !above(far) {
                 let (mut high, mut low) = (t, after);
-                for _ in 0..HALVINGS {
+                for _ in 0..halvings {
                     let middle = 0.5 * (high + low);
                     if above(path(middle)) { high = middle } else { low = middle }
                 }
@@ -203,11 +215,15 @@ pub(super) mod tests {
 
     /// Dark flat ground at 150 m with one bright box: half sides (5, 3) m, 12 m high, centred at (8, -6).
     pub(in super::super) fn one_box() -> Field {
+        a_box([8.0, -6.0])
+    }
+
+    fn a_box(center: [f64; 2]) -> Field {
         let (half, step) = (70.0, 0.25);
         let side = Field::nodes_per_side(half, step);
         let node = |k: usize| {
             let (x, y) = ((k % side) as f64 * step - half, (k / side) as f64 * step - half);
-            let on_box = (x - 8.0).abs() <= 5.0 && (y + 6.0).abs() <= 3.0;
+            let on_box = (x - center[0]).abs() <= 5.0 && (y - center[1]).abs() <= 3.0;
             let (height_m, material, albedo) =
                 if on_box { (162.0, Material::Roof, [0.8; 3]) } else { (150.0, Material::Grass, [0.1; 3]) };
             Node { height_m, material, owner: u16::from(on_box), albedo }
@@ -229,6 +245,23 @@ pub(super) mod tests {
         let length = (0..400).map(|i| f64::from(i) * 0.1).filter(|m| !on_ground(*m)).fold(0.0, f64::max);
         assert!((length - 12.0 / elevation.tan()).abs() < 0.5, "{length}");
         assert!(on_ground(length + 1.0) && !on_ground(2.0));
+    }
+
+    #[test]
+    fn a_ray_ends_on_a_wall_and_not_in_it() {
+        // The walls stand on the first and on the last nodes of the cells that rays leap over.
+        for shift in [-0.75, -0.25, 0.0, 0.25, 0.75] {
+            let field = a_box([9.0 + shift, -6.0]);
+            for k in 0..200 {
+                // Nearly level rays from both sides, so that some leap ends right beside the wall.
+                let from = -40.0 - 0.01 * f64::from(k);
+                for side in [1.0, -1.0] {
+                    let path = |t: f64| [9.0 + side * (from + 60.0 * t), -6.0, 155.0 - 6.0 * t];
+                    let [x, y, z] = field.first_hit(path).unwrap();
+                    assert!((z - field.height_m(x, y)).abs() < 0.01, "{x} {z} {}", field.height_m(x, y));
+                }
+            }
+        }
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! The folder of a scene: created, or cleared of an earlier simulation.
 
-use super::TRUTH_NAME;
 use super::appearance::{LIST, PICTURES};
 use super::error::SimulateError;
 use super::export::{TEST_LIST, TRAIN_LIST};
 use super::perspective::{DESCRIPTION, DISPARITIES, IMAGES, MAPS, MESH, MODEL};
+use super::terrain::TRUTH_NAMES;
+use crate::io::WriteError;
 use std::path::{Path, PathBuf};
 
 /// Folder of the truth of appearance in `truth/`.
@@ -12,7 +13,7 @@ pub(super) const APPEARANCE: &str = "appearance";
 
 /// Creates the folder, or removes the files of an earlier simulation from it; other files are kept.
 pub(super) fn prepare(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
-    let failed = |path: &Path, cause: std::io::Error| SimulateError::Folder { path: path.into(), cause };
+    let failed = |path: &Path, cause: std::io::Error| SimulateError::Write(WriteError::new(path, cause));
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
     let entries = std::fs::read_dir(out).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     let entries = entries.map_err(|e| failed(out, e))?;
@@ -51,9 +52,11 @@ fn of_satellite_images(out: &Path) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         found.extend(entries.filter(|e| is_view(&e.file_name().to_string_lossy(), ends)).map(|e| e.path()));
     }
-    let truth = ["DSM", "CLS"].map(|what| out.join(format!("truth/{TRUTH_NAME}_{what}.tif")));
+    let truth = TRUTH_NAMES
+        .into_iter()
+        .flat_map(|name| ["DSM", "CLS"].map(|what| out.join(format!("truth/{name}_{what}.tif"))));
     let lists = [out.join(TEST_LIST), out.join("truth/shifts.json"), appearance.join(LIST)];
-    found.extend(truth.into_iter().chain(lists).filter(|path| path.exists()));
+    found.extend(truth.chain(lists).filter(|path| path.exists()));
     found
 }
 

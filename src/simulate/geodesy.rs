@@ -7,6 +7,8 @@ use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::scene::Sun;
 use nalgebra::Vector3;
 
+/// Position of the town, east of the central meridian of its UTM zone, so that grid north and true north differ by 1.7°.
+pub(super) const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
 /// Semi-major axis of WGS 84, metres.
 const A_M: f64 = 6_378_137.0;
 /// Flattening of WGS 84.
@@ -107,8 +109,6 @@ pub(super) fn sun_at(day_of_year: u32, utc_h: f64, place: Point<Geodetic>) -> Su
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
 
     #[test]
     fn earth_centred_coordinates_round_trip() {

@@ -1,5 +1,5 @@
-//! Simulation of satellite images of a deterministic town, with true and disturbed RPCs and the exact DSM; of photographs of a
-//! room and of the town from the air, with exact depths, normals and meshes.
+//! Simulation of satellite images of a deterministic town or mountain, with true and disturbed RPCs and the exact DSM; of
+//! photographs of a room and of the town from the air, with exact depths, normals and meshes.
 //!
 //! Images are rendered by casting rays through the RPCs onto a height field; the sun direction comes from the simulator's
 //! own geodesy. Affine cameras, splats and shadow models of the reconstruction are not used, so that a wrong convention
@@ -11,11 +11,14 @@ mod calendar;
 mod cars;
 mod export;
 mod keyed_rng;
+mod erosion;
 mod error;
 mod field;
 mod folder;
 mod geodesy;
 mod imaging;
+mod landscape;
+mod mountains;
 mod options;
 mod texture;
 mod plan;
@@ -29,11 +32,12 @@ mod season;
 mod sensor;
 mod summary;
 mod surface;
+mod survey;
+mod terrain;
 mod town;
 mod truth;
 mod view;
 
-use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::io::write_json;
 use crate::progress::{Event, Progress};
 use crate::rpc::Axis;
@@ -42,20 +46,20 @@ pub use aerial::{AerialOptions, simulate_aerial};
 use calendar::Calendar;
 pub use error::SimulateError;
 use keyed_rng::KeyedRng;
-pub use options::SimulateOptions;
+use landscape::Landscape;
+pub use options::{BitDepth, PlannedView, SimulateOptions};
 pub use perspective::{DisparityMap, TestSetSummary, TestSetView};
 pub use plan::Relief;
 pub use room::{RoomOptions, simulate_room};
 use sensor::{Acquisition, LineScanner};
 use std::path::Path;
-pub use summary::{AppearanceFigures, SceneFigures, Summary, ViewFigures};
-use town::Town;
+pub use summary::{AppearanceFigures, SceneFigures, Summary, SurfaceFigures, ViewFigures};
+pub use survey::covering_px;
+pub use terrain::{SurfaceFiles, Terrain};
 use view::SimulatedView;
 
-/// Position of the town, east of the central meridian of its UTM zone, so that grid north and true north differ by 1.7°.
-const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
-/// Name of the files of the ground truth.
-const TRUTH_NAME: &str = "TOWN";
+/// Lowest elevation of the sun of an image, degrees.
+const LOWEST_SUN_DEG: f64 = 5.0;
 /// Smallest half height range of an RPC, metres.
 const RPC_HALF_HEIGHT_M: f64 = 80.0;
 
@@ -76,20 +80,13 @@ pub fn simulate(
     folder::prepare(out, options.overwrite)?;
     let truth_folder = out.join("truth");
 
-    progress.event(Event::Started { stage: "building the town", total: 0 });
-    let map = SiteGrid::at(PLACE)?;
-    let [e, n, _] = map.origin.xyz();
-    let grid = SiteGrid { epsg: map.epsg, origin: Point::new(e.round(), n.round(), 0.0) };
-    let extent_m = options.size_px as f64 * options.gsd_m;
-    let step_m = 0.5 * options.gsd_m;
-    // The margin covers the corners of oblique images, the parallax of the highest roofs, and shadows from outside.
-    let half_m = ((0.82 * extent_m + 50.0) / step_m).ceil() * step_m;
-    let town = Town::new(options.seed, half_m, step_m, 0.5 * extent_m, options.relief);
-    let views = plan_views(options, &town, &grid)?;
+    progress.event(Event::Started { stage: "building the ground", total: 0 });
+    let (landscape, surface) = Landscape::new(options)?;
+    let views = plan_views(options, &landscape)?;
     progress.event(Event::Finished);
 
     progress.event(Event::Started { stage: "taking images", total: views.len() as u64 });
-    let studio = imaging::Studio { options, town: &town, grid: &grid };
+    let studio = imaging::Studio { options, landscape: &landscape };
     let mut figures = Vec::new();
     for (i, view) in views.iter().enumerate() {
         progress.check()?;
@@ -100,35 +97,39 @@ pub fn simulate(
 
     let held_out: Vec<_> = figures.iter().filter(|v| v.role == Role::Test).map(|v| v.name.as_str()).collect();
     export::write_test_list(out, &held_out)?;
-    let truth = truth::ExactDsm::sample(&town.field, &grid, &views, options.size_px, options.gsd_m);
-    truth.write(&truth_folder, TRUTH_NAME)?;
+    let truth = truth::ExactDsm::sample(&landscape, &views, options.size_px, options.gsd_m);
+    let truth_name = options.terrain.truth_name();
+    truth.write(&truth_folder, truth_name, options.terrain.has_classes())?;
     write_json(&truth_folder.join("shifts.json"), &shifts(&figures))?;
     if options.has_appearance_truth() {
         appearance::write_list(&truth_folder.join(folder::APPEARANCE), &figures)?;
     }
     Ok(Summary {
-        scene: truth.figures(&town.plan, &grid),
+        scene: truth.figures(&landscape),
+        surface,
         views: figures,
-        truth: truth_folder.join(format!("{TRUTH_NAME}_DSM.tif")),
+        truth: truth_folder.join(format!("{truth_name}_DSM.tif")),
     })
 }
 
 /// Plans the acquisitions and fits their RPCs; held-out views come last.
-fn plan_views(
-    options: &SimulateOptions,
-    town: &Town,
-    grid: &SiteGrid,
-) -> Result<Vec<SimulatedView>, SimulateError> {
-    let center = grid.geodetic_from_utm(grid.origin);
-    let target = center.at_height(town.plan.ground_m(0.0, 0.0));
-    let (low, high) = town.field.height_range();
+fn plan_views(options: &SimulateOptions, landscape: &Landscape) -> Result<Vec<SimulatedView>, SimulateError> {
+    let target = landscape.center.at_height(landscape.ground_m(0.0, 0.0));
+    let (low, high) = landscape.field.height_range();
     let height = Axis {
         offset: (0.5 * (low + high)).round(),
         scale: (0.5 * (high - low) + 20.0).ceil().max(RPC_HALF_HEIGHT_M),
     };
     let rng = KeyedRng::new(options.seed);
     let calendar = if options.seasons { Calendar::Seasons } else { Calendar::Mild };
-    let training = sensor::acquisitions(rng.key(1000), calendar, options.views, target);
+    let training = match options.planned.as_slice() {
+        [] => sensor::acquisitions(rng.key(1000), calendar, options.views, target),
+        planned => sensor::planned(rng.key(1000), calendar, planned, target)?,
+    };
+    if let Some(dark) = training.iter().find(|view| view.sun.elevation_deg < LOWEST_SUN_DEG) {
+        let Acquisition { acquired, sun, .. } = dark.clone();
+        return Err(SimulateError::Night { acquired, elevation_deg: sun.elevation_deg });
+    }
     let held_out = sensor::held_out(rng.key(1001), calendar, &training, options.held_out, target);
     let view = |plan: Acquisition, role, rng| {
         let scanner = LineScanner::new(target, &plan, options.size_px, options.gsd_m);

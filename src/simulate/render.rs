@@ -32,8 +32,8 @@ pub(super) struct Shot<'a> {
 /// An image and what is known about it; all row by row.
 pub(super) struct Picture {
     /// Red, green, blue.
-    pub(super) bands: Vec<Vec<u8>>,
-    /// The image without cars and noise: red, green and blue of each pixel.
+    pub(super) bands: Vec<Vec<u16>>,
+    /// The image without cars and noise, in eight bits: red, green and blue of each pixel.
     pub(super) clean: Vec<u8>,
     /// Share of the rays that end in sunlight: 255 if all do. Cars cast no shadow here.
     pub(super) sunlit: Vec<u8>,
@@ -51,7 +51,7 @@ impl Picture {
 
 /// A pixel of a [`Picture`].
 struct PicturePixel {
-    image: [u8; 3],
+    image: [u16; 3],
     clean: [u8; 3],
     sunlit: u8,
     cars: u8,
@@ -101,6 +101,9 @@ impl Shot<'_> {
         let (mut sunlit, mut cars) = (0, 0);
         for hit in self.hits(index) {
             let surface = Surface::at(self.field, hit, self.colors);
+            if surface.material == Material::Void {
+                return PicturePixel { image: [0; 3], clean: [0; 3], sunlit: 0, cars: 0 };
+            }
             let direct = surface.direct_light(self.field, self.radiometry.sun);
             sunlit += usize::from(direct > 0.0);
             let bare = self.radiance(&surface, surface.albedo, direct);
@@ -123,7 +126,7 @@ impl Shot<'_> {
             image: std::array::from_fn(|b| {
                 level(b, shown[b], self.radiometry.noise * rng.key(b as i64).normal())
             }),
-            clean: std::array::from_fn(|b| level(b, clean[b], 0.0)),
+            clean: std::array::from_fn(|b| self.radiometry.in_eight_bits(level(b, clean[b], 0.0))),
             sunlit: (255.0 * sunlit as f64 / rays).round() as u8,
             cars,
         }
@@ -133,7 +136,7 @@ impl Shot<'_> {
     pub(super) fn color(&self, surface: &Surface) -> [u8; 3] {
         let direct = surface.direct_light(self.field, self.radiometry.sun);
         let radiance = self.radiance(surface, surface.albedo, direct);
-        std::array::from_fn(|b| self.radiometry.level(b, radiance[b], 0.0))
+        std::array::from_fn(|b| self.radiometry.in_eight_bits(self.radiometry.level(b, radiance[b], 0.0)))
     }
 
     /// What a surface shows of a car.
@@ -190,7 +193,7 @@ mod tests {
     /// The box under [`SUN`], without cars and noise.
     fn picture(field: &Field, grid: &SiteGrid, rpc: &Rpc) -> Picture {
         let rays = &ViewRays::new(rpc, grid, 120, (149.0, 163.0)).unwrap();
-        let radiometry = &Radiometry { sun: SUN, gain: [255.0; 3], offset: [0.0; 3], noise: 0.0 };
+        let radiometry = &Radiometry { sun: SUN, gain: [255.0; 3], offset: [0.0; 3], noise: 0.0, white: 255 };
         let (colors, grain) = (KeyedRng::new(0), KeyedRng::new(1));
         // On this day the mild palette leaves the grass dark.
         let palette = &Palette::mild(66, colors);

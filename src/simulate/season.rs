@@ -92,7 +92,10 @@ impl Palette {
             _ => texture,
         };
         // Streets are cleared of snow.
-        let keeps_snow = matches!(surface.material, Material::Grass | Material::Paving | Material::Roof);
+        let keeps_snow = matches!(
+            surface.material,
+            Material::Grass | Material::Paving | Material::Roof | Material::Rock | Material::Scree
+        );
         if self.snow == 0.0 || surface.is_wall || !keeps_snow {
             return bare;
         }
@@ -126,7 +129,8 @@ fn brightness(color: [f64; 3]) -> f64 {
     color.iter().sum::<f64>() / 3.0
 }
 
-fn smoothstep(t: f64) -> f64 {
+/// A smooth step from 0 at 0 to 1 at 1.
+pub(super) fn smoothstep(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

@@ -3,9 +3,11 @@
 //! The scanner records the ground line by line while it moves, so that the viewing direction varies over the image as in
 //! real images. An RPC is fitted to it, and the image is rendered with the RPC, which therefore is the exact camera.
 
-use super::calendar::{Calendar, Moment};
+use super::calendar::{Calendar, Moment, season_day};
+use super::error::SimulateError;
 use super::geodesy::{Ecef, ecef_from_geodetic, local_axes};
 use super::keyed_rng::KeyedRng;
+use super::options::PlannedView;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::rpc::{Axis, Rpc, RpcError, Volume, fit};
 use crate::scene::Sun;
@@ -56,7 +58,7 @@ pub(super) fn acquisitions(
     (0..count)
         .map(|i| {
             let rng = rng.key(i as i64);
-            let day = calendar.day(((i as f64 + 0.5) * GOLDEN * 2.0).fract());
+            let day = season_day(calendar.day(((i as f64 + 0.5) * GOLDEN * 2.0).fract()), place);
             let moment = calendar.moment(i, day, rng, place);
             let turned = if i % TURNED_EVERY == 3 { 90.0 } else { 0.0 };
             Acquisition::new(
@@ -69,6 +71,34 @@ pub(super) fn acquisitions(
             )
         })
         .collect()
+}
+
+/// The acquisitions of a position that a user plans.
+///
+/// # Errors
+/// [`SimulateError::Time`] for times that are none.
+pub(super) fn planned(
+    rng: KeyedRng,
+    calendar: Calendar,
+    views: &[PlannedView],
+    place: Point<Geodetic>,
+) -> Result<Vec<Acquisition>, SimulateError> {
+    let free = acquisitions(rng, calendar, views.len(), place).into_iter();
+    let as_planned = |(free, view): (Acquisition, &PlannedView)| {
+        let moment = match &view.acquired {
+            Some(time) => Moment::at(time, place)?,
+            None => Moment { day_of_year: free.day_of_year, sun: free.sun, acquired: free.acquired.clone() },
+        };
+        Ok(Acquisition {
+            off_nadir_deg: view.off_nadir_deg,
+            azimuth_deg: view.azimuth_deg.rem_euclid(360.0),
+            sun: moment.sun,
+            day_of_year: moment.day_of_year,
+            acquired: moment.acquired,
+            ..free
+        })
+    };
+    free.zip(views).map(as_planned).collect()
 }
 
 /// Plans `count` acquisitions on days and from directions between those of the images to train on.

@@ -22,6 +22,19 @@ pub struct SceneFigures {
     pub relief_m: f64,
 }
 
+/// How a surface that the user has was taken.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceFigures {
+    /// The vertical reference of its heights.
+    pub vertical: String,
+    /// Whether neither the options nor the file state the vertical reference.
+    pub vertical_is_assumed: bool,
+    /// Share of the ground of the images without heights; images have no data there.
+    pub holes_share: f64,
+    /// Share of the ground of the images that no picture covers; it has a plain texture.
+    pub untextured_share: f64,
+}
+
 /// Acquisition of one simulated image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewFigures {
@@ -104,6 +117,8 @@ impl AppearanceFigures {
 pub struct Summary {
     /// Statistics of the scene.
     pub scene: SceneFigures,
+    /// How the user's surface was taken, if it is one.
+    pub surface: Option<SurfaceFigures>,
     /// The images, ordered by name within each role; held-out ones come last.
     pub views: Vec<ViewFigures>,
     /// Path of the exact DSM.

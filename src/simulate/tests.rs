@@ -1,6 +1,9 @@
 //! Tests of whole scenes: reproducible bytes, statistics, delivered files.
 
+use super::geodesy::PLACE;
+use super::town::Town;
 use super::*;
+use crate::frame::Point;
 use crate::io::ImageFile;
 use crate::progress::NoProgress;
 use std::collections::BTreeMap;
@@ -72,14 +75,13 @@ fn scenes_have_relief_buildings_trees_and_water() {
     for (seed, relief, relief_m) in
         [(0, Relief::Rolling, 8.0), (0, Relief::Hilly, 60.0), (1, Relief::Rolling, 8.0)]
     {
-        let options = SimulateOptions { seed, relief, ..SimulateOptions::default() };
-        let map = SiteGrid::at(PLACE).unwrap();
-        let grid = SiteGrid { epsg: map.epsg, origin: map.origin.at_height(0.0) };
+        let options = SimulateOptions { seed, terrain: Terrain::Town(relief), ..SimulateOptions::default() };
         // The nodes are coarser than in the scene, which does not change the statistics.
         let town = Town::new(seed, 150.0, 0.5, 100.0, relief);
-        let views = plan_views(&options, &town, &grid).unwrap();
-        let truth = truth::ExactDsm::sample(&town.field, &grid, &views, options.size_px, 1.0);
-        let f = truth.figures(&town.plan, &grid);
+        let landscape = Landscape::at(PLACE, town.field, Some(town.plan)).unwrap();
+        let views = plan_views(&options, &landscape).unwrap();
+        let truth = truth::ExactDsm::sample(&landscape, &views, options.size_px, 1.0);
+        let f = truth.figures(&landscape);
         assert!(truth.grid.width >= 170, "{}", truth.grid.width);
         assert!(f.mean_absolute_deviation_m >= 5.0, "{f:?}");
         assert!((0.22..0.34).contains(&f.roofs_share), "{f:?}");
@@ -192,4 +194,132 @@ fn options_outside_of_their_ranges_are_named() {
     assert_eq!(wrong(cars(-1.0)), "`--cars` is -1, expected 0 to 8 percent of the pixels");
     assert!(wrong(cars(50.0)).contains("50") && wrong(cars(f64::NAN)).contains("NaN"));
     assert!(wrong(SimulateOptions { held_out: 100, ..small() }).contains("`--held-out` is 100"));
+}
+
+#[test]
+fn a_mountain_is_imaged_from_planned_directions_in_sixteen_bits() {
+    let dir = tempfile::tempdir().unwrap();
+    let view = |azimuth_deg, time: &str| PlannedView {
+        off_nadir_deg: 11.0,
+        azimuth_deg,
+        acquired: Some(time.into()),
+    };
+    let options = SimulateOptions {
+        terrain: Terrain::Mountains,
+        depth: BitDepth::Sixteen,
+        planned: vec![view(11.0, "2024-08-20T10:30"), view(191.0, "2024-08-20T10:31:00Z")],
+        ..small()
+    };
+    let summary = simulate(dir.path(), &options, &NoProgress).unwrap();
+    assert_eq!(summary.views.len(), 2);
+    assert_eq!(summary.views[0].acquired, "2024-08-20T10:30:00Z");
+    // From the almanac: the sun culminates at 11:41 UTC there, 59 degrees high.
+    assert!((summary.views[1].sun_elevation_deg - 55.8).abs() < 0.5, "{:?}", summary.views[1]);
+    let image = levels(&dir.path().join("VIEW_01.tif"), 1);
+    let (low, high) = image.iter().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+    assert!(low >= 1.0 && high > 600.0 && high < 4095.0, "{low} {high}");
+    assert!(summary.truth.ends_with("truth/MOUNTAINS_DSM.tif") && summary.truth.exists());
+    let night = SimulateOptions {
+        planned: vec![view(11.0, "2024-08-20T22:00"); 2],
+        overwrite: true,
+        ..options.clone()
+    };
+    assert!(simulate(dir.path(), &night, &NoProgress).unwrap_err().to_string().contains("degrees high"));
+    let never = SimulateOptions { planned: vec![view(11.0, "noon"); 2], overwrite: true, ..options };
+    assert_eq!(
+        simulate(dir.path(), &never, &NoProgress).unwrap_err().to_string(),
+        "`noon` is no time of an image"
+    );
+}
+
+/// A surface of 140 x 120 m in Lambert-93 with a block of 20 x 20 m, 12 m high, and a hole; and a picture of its western part.
+fn surface(folder: &Path, epsg: u32) -> SurfaceFiles {
+    use crate::io::{Cog, Grid2, MapGrid};
+    let grid = MapGrid { epsg, west: 700_000.0, north: 6_600_000.0, cell: 1.0, width: 140, height: 120 };
+    let height = |col: usize, row: usize| match (col, row) {
+        (60..80, 40..60) => 212.0,
+        (95..105, 55..65) => f32::NAN,
+        _ => 200.0,
+    };
+    let cog = Cog { grid, metadata: &[], heights_from: None };
+    let (dsm, ortho) = (folder.join("dsm.tif"), folder.join("ortho.tif"));
+    cog.write_f32(&dsm, &[("height", "m", &Grid2::from_fn(140, 120, height))]).unwrap();
+    let west = Cog { grid: MapGrid { width: 70, ..grid }, ..cog };
+    let band = |by: usize| (0..70 * 120).map(|k| (40 + by + (k * 37) % 90) as u8).collect();
+    west.write_u8(&ortho, vec![band(0), band(30), band(10)], None).unwrap();
+    SurfaceFiles { surface: dsm, texture: Some(ortho), vertical: None }
+}
+
+#[test]
+fn a_users_surface_is_imaged_where_it_has_heights() {
+    let dir = tempfile::tempdir().unwrap();
+    let files = surface(dir.path(), 2154);
+    let terrain = Terrain::Surface(files.clone());
+    let options =
+        SimulateOptions { terrain, size_px: 120, gsd_m: 1.0, views: 3, ..SimulateOptions::default() };
+    let out = dir.path().join("scene");
+    let summary = simulate(&out, &options, &NoProgress).unwrap();
+    let figures = summary.surface.clone().unwrap();
+    assert!(figures.vertical_is_assumed && figures.vertical.contains("ellipsoid"), "{figures:?}");
+    assert!((0.004..0.02).contains(&figures.holes_share), "{figures:?}");
+    assert!((0.4..0.6).contains(&figures.untextured_share), "{figures:?}");
+    // The exact surface is the given one, in its CRS; the hole stays one.
+    let truth = ImageFile::open(&summary.truth).unwrap();
+    let (grid, heights) = (truth.map_grid().unwrap(), truth.read(1).unwrap());
+    assert_eq!(grid.epsg, 2154);
+    let at = |col: f64, row: f64| {
+        let px = grid.corner_px_from_utm(Point::new(700_000.0 + col, 6_600_000.0 - row, 0.0));
+        heights.at(px.col as usize, px.row as usize)
+    };
+    assert_eq!((at(70.5, 50.5), at(50.5, 80.5)), (212.0, 200.0));
+    assert!(at(100.5, 60.5).is_nan());
+    assert!(!out.join("truth/SURFACE_CLS.tif").exists(), "what lies where is not known");
+    // The images have no data in the hole, and data beside it.
+    let image = ImageFile::open(&out.join("VIEW_01.tif")).unwrap();
+    assert_eq!(image.band(1).unwrap().nodata, Some(0.0));
+    let holes = image.read(1).unwrap().data.iter().filter(|v| v.is_nan()).count();
+    assert!((60..400).contains(&holes), "{holes}");
+
+    // Heights above a geoid are converted with its height at the middle.
+    let above = SurfaceFiles { vertical: Some("EGM96".into()), ..files };
+    let raised = SimulateOptions { terrain: Terrain::Surface(above), overwrite: true, ..options };
+    match simulate(&out, &raised, &NoProgress) {
+        Ok(summary) => {
+            let up = f64::from(
+                ImageFile::open(&summary.truth).unwrap().read(1).unwrap().valid().fold(f32::MAX, f32::min),
+            );
+            assert!(
+                (240.0..255.0).contains(&up),
+                "the geoid lies 45 to 50 m above the ellipsoid there: {up}"
+            );
+        }
+        Err(error) => assert!(error.to_string().contains("EGM96"), "{error}"),
+    }
+}
+
+#[test]
+fn surfaces_that_cannot_be_used_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let files = surface(dir.path(), 2154);
+    let out = dir.path().join("scene");
+    let wrong = |files: SurfaceFiles| {
+        let options = SimulateOptions { terrain: Terrain::Surface(files), overwrite: true, ..small() };
+        simulate(&out, &options, &NoProgress).unwrap_err().to_string()
+    };
+    let elsewhere = tempfile::tempdir().unwrap();
+    let other_crs = SurfaceFiles { texture: surface(elsewhere.path(), 32631).texture, ..files.clone() };
+    let text = wrong(other_crs);
+    assert!(text.contains("EPSG:32631") && text.contains("gdalwarp -t_srs EPSG:2154"), "{text}");
+    assert!(wrong(surface(elsewhere.path(), 2225)).contains("not in metres"));
+    let mercator = SurfaceFiles { texture: None, ..surface(elsewhere.path(), 3857) };
+    assert!(wrong(mercator).contains("stretches the ground by 1.5"));
+    let degrees = surface(elsewhere.path(), 4326);
+    assert!(wrong(degrees).contains("degrees"));
+    let empty = SurfaceFiles { texture: None, vertical: Some("nonsense".into()), ..files.clone() };
+    assert!(wrong(empty).contains("`nonsense` is not a known vertical reference"));
+    let missing = SurfaceFiles { surface: dir.path().join("none.tif"), texture: None, vertical: None };
+    assert!(wrong(missing).contains("none.tif"));
+    let cars =
+        SimulateOptions { terrain: Terrain::Mountains, cars_percent: Some(1.0), overwrite: true, ..small() };
+    assert!(simulate(&out, &cars, &NoProgress).unwrap_err().to_string().contains("--cars"));
 }

@@ -23,11 +23,13 @@ const MEMBRANES: [Albedo; 5] =
 const PLASTERS: [Albedo; 5] =
     [[0.66, 0.58, 0.46], [0.70, 0.66, 0.58], [0.58, 0.48, 0.38], [0.62, 0.62, 0.62], [0.72, 0.60, 0.50]];
 
-fn scaled(c: Albedo, by: f64) -> Albedo {
+/// A colour that is brighter by a factor, within the reflectances that occur.
+pub(super) fn scaled(c: Albedo, by: f64) -> Albedo {
     c.map(|v| (f64::from(v) * by).clamp(0.015, 0.95) as f32)
 }
 
-fn mixed(a: Albedo, b: Albedo, t: f64) -> Albedo {
+/// The colour on the way from one to another.
+pub(super) fn mixed(a: Albedo, b: Albedo, t: f64) -> Albedo {
     std::array::from_fn(|k| a[k] + (b[k] - a[k]) * t.clamp(0.0, 1.0) as f32)
 }
 

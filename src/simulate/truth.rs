@@ -1,10 +1,10 @@
 //! Ground truth in `truth/`: the exact DSM, its classes, the true RPCs, and the shifts of the delivered RPCs.
 
-use super::field::{Field, Material};
-use super::plan::Plan;
+use super::field::Material;
+use super::landscape::Landscape;
 use super::summary::SceneFigures;
 use super::view::SimulatedView;
-use crate::frame::{Point, Site, SiteGrid};
+use crate::frame::{Point, Site};
 use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use std::path::Path;
@@ -14,6 +14,7 @@ const GROUND: u8 = 2;
 const TREES: u8 = 5;
 const BUILDING: u8 = 6;
 const WATER: u8 = 9;
+const UNLABELLED: u8 = 65;
 /// Number of views that must see the area of the exact DSM; all views if there are fewer.
 const SEEN_BY: usize = 3;
 /// Side of the exact DSM as a fraction of the side of the square that these views see.
@@ -29,13 +30,13 @@ pub(super) struct ExactDsm {
 impl ExactDsm {
     /// Samples the field at the centres of the cells, in the square that at least three views see.
     pub(super) fn sample(
-        field: &Field,
-        grid: &SiteGrid,
+        landscape: &Landscape,
         views: &[SimulatedView],
         size_px: usize,
         cell_m: f64,
     ) -> Self {
-        let half = CROP * seen_half_m(field, grid, views, size_px);
+        let Landscape { field, grid, .. } = landscape;
+        let half = CROP * seen_half_m(landscape, views, size_px);
         let [e, n, _] = grid.origin.xyz();
         let map = MapGrid::covering(grid.epsg, (e - half, n - half, e + half, n + half), cell_m);
         let place = |col, row| {
@@ -44,7 +45,8 @@ impl ExactDsm {
         };
         let heights = Grid2::from_fn(map.width, map.height, |col, row| {
             let (x, y) = place(col, row);
-            field.height_m(x, y) as f32
+            let is_known = field.nearest(x, y).material != Material::Void;
+            if is_known { field.height_m(x, y) as f32 } else { f32::NAN }
         });
         let classes = (0..map.width * map.height)
             .map(|k| {
@@ -53,7 +55,13 @@ impl ExactDsm {
                     Material::Roof => BUILDING,
                     Material::Tree => TREES,
                     Material::Water => WATER,
-                    Material::Grass | Material::Paving | Material::Asphalt => GROUND,
+                    Material::Void => UNLABELLED,
+                    Material::Grass
+                    | Material::Paving
+                    | Material::Asphalt
+                    | Material::Rock
+                    | Material::Scree
+                    | Material::Snow => GROUND,
                 }
             })
             .collect();
@@ -61,15 +69,17 @@ impl ExactDsm {
     }
 
     /// Statistics of the DSM.
-    pub(super) fn figures(&self, plan: &Plan, grid: &SiteGrid) -> SceneFigures {
+    pub(super) fn figures(&self, landscape: &Landscape) -> SceneFigures {
         let n = self.classes.len() as f64;
         let share = |class| self.classes.iter().filter(|c| **c == class).count() as f64 / n;
-        let mean = self.heights.data.iter().map(|h| f64::from(*h)).sum::<f64>() / n;
-        let deviation = self.heights.data.iter().map(|h| (f64::from(*h) - mean).abs()).sum::<f64>() / n;
+        let known = self.heights.valid().count() as f64;
+        let mean = self.heights.valid().map(f64::from).sum::<f64>() / known;
+        let deviation = self.heights.valid().map(|h| (f64::from(h) - mean).abs()).sum::<f64>() / known;
         let (mut lowest, mut highest, mut tallest) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64);
-        for (k, class) in self.classes.iter().enumerate() {
+        for (k, class) in self.classes.iter().enumerate().filter(|(_, class)| **class != UNLABELLED) {
             let c = self.grid.cell_center(k % self.grid.width, k / self.grid.width);
-            let ground = plan.ground_m(c.x() - grid.origin.x(), c.y() - grid.origin.y());
+            let origin = landscape.grid.origin;
+            let ground = landscape.ground_m(c.x() - origin.x(), c.y() - origin.y());
             lowest = lowest.min(ground);
             highest = highest.max(ground);
             if *class == BUILDING {
@@ -86,18 +96,22 @@ impl ExactDsm {
         }
     }
 
-    /// Writes `NAME_DSM.tif` and `NAME_CLS.tif`.
-    pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), WriteError> {
+    /// Writes `NAME_DSM.tif`, and `NAME_CLS.tif` if its classes are known.
+    pub(super) fn write(&self, folder: &Path, name: &str, has_classes: bool) -> Result<(), WriteError> {
         let classes = Cog { grid: self.grid, metadata: &[], heights_from: None };
         let dsm = Cog { heights_from: Some(&VerticalReference::Ellipsoid), ..classes };
         dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[("height", "m", &self.heights)])?;
+        if !has_classes {
+            return Ok(());
+        }
         classes.write_u8(&folder.join(format!("{name}_CLS.tif")), vec![self.classes.clone()], None)
     }
 }
 
 /// Half the side of the largest centred square whose border is seen by enough views, metres.
-fn seen_half_m(field: &Field, grid: &SiteGrid, views: &[SimulatedView], size_px: usize) -> f64 {
+fn seen_half_m(landscape: &Landscape, views: &[SimulatedView], size_px: usize) -> f64 {
     const STEP_M: f64 = 1.0;
+    let Landscape { field, grid, .. } = landscape;
     let needed = SEEN_BY.min(views.len());
     let last = size_px as f64 - 1.0;
     let is_seen = |x: f64, y: f64| {

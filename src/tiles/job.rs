@@ -89,7 +89,7 @@ impl Job<'_> {
         let started = std::time::Instant::now();
         reset_peak_memory();
         self.set_up(progress)?;
-        let trained = train_locked(&self.folder, &self.train_options()?, progress)?;
+        let trained = train_locked(&self.folder, &self.train_options()?, progress, &mut |_| Ok(()))?;
         let trained = trained.summary();
         dsm_locked(&self.folder, &self.dsm_options(), progress)?;
         let done = Done {
@@ -192,12 +192,22 @@ impl Job<'_> {
             reference: Some(self.tile.reference.clone()),
         };
         // All fields are named, so that none is forgotten.
-        let TileTraining { recipe: _, recipe_hash: _, iterations, seed, predict, snapshots, features, lpips } =
-            &self.plan.train;
+        let TileTraining {
+            recipe: _,
+            recipe_hash: _,
+            iterations,
+            no_splats,
+            seed,
+            predict,
+            snapshots,
+            features,
+            lpips,
+        } = &self.plan.train;
         let path = |file: &Option<PlannedFile>| file.as_ref().map(PlannedFile::require_same).transpose();
         Ok(TrainOptions {
             recipe: self.plan.recipe_in(self.run),
             iterations: *iterations,
+            no_splats: *no_splats,
             seed: *seed,
             predict: *predict,
             snapshots: *snapshots,

@@ -31,11 +31,13 @@ pub(super) fn write_page(
 ) -> Result<PathBuf, TilesError> {
     let adjustment = report::adjustment(run).map_err(PipelineError::from)?;
     let sections = [
+        ("result", "Result", report::result(run).map_err(PipelineError::from)?),
         ("surface", "Surface", report::surface(run).map_err(PipelineError::from)?),
         ("seams", "Seams", seam_section(run, summary, seams, colors)?),
         ("tiles", "Tiles", tile_section(run, plan, summary)),
         ("scores", "Scores", report::scores(run).map_err(PipelineError::from)?),
         ("adjustment", "Adjustment", adjustment),
+        ("commands", "Versions and commands", report::commands(run).map_err(PipelineError::from)?),
     ];
     let notes: Vec<String> = plan.require_current(run).err().iter().map(TilesError::chain).collect();
     let path = run.join(PAGE);

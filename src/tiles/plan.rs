@@ -52,6 +52,9 @@ pub struct TileTraining {
     pub recipe_hash: String,
     /// Number of iterations; without one the recipe's own.
     pub iterations: Option<u32>,
+    /// Stop at the matched surface.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub no_splats: bool,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Start from splats that are predicted of the matched surface.

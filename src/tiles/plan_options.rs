@@ -84,6 +84,7 @@ impl TileTraining {
             predict,
             reference_points: _,
             iterations,
+            no_splats,
             seed,
             checkpoint_every: _,
             resume: _,
@@ -100,6 +101,7 @@ impl TileTraining {
             recipe: if is_named { recipe.clone() } else { RECIPE.into() },
             recipe_hash: hash(made.to_toml().as_bytes()),
             iterations: *iterations,
+            no_splats: *no_splats,
             seed: *seed,
             predict: *predict,
             snapshots: *snapshots,
@@ -149,6 +151,7 @@ pub(super) fn fingerprint(run: &Path, options: &PlanOptions) -> Result<Fingerpri
         ("--snapshots", (train.snapshots > 0).then(|| train.snapshots.to_string())),
         ("--features", hash_of(&train.features)),
         ("--lpips", hash_of(&train.lpips)),
+        ("--no-splats", train.no_splats.then(|| "given".to_owned())),
         ("--no-fill", surface.no_fill.then(|| "given".to_owned())),
     ];
     fingerprint.extend(more.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))));

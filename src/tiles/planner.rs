@@ -8,7 +8,7 @@ use super::plan::{
     Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView, adjustment_hash, to_json,
 };
 use super::plan_options::{CORE_PER_OVERLAP, PlanOptions, RECIPE, fingerprint};
-use crate::affine::{MIN_POINTS, SiteScene, height_bounds, sun_direction, with_margins};
+use crate::affine::{MIN_POINTS, SiteScene, sun_direction, with_margins};
 use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm, wrap_longitude_deg};
 use crate::io::{ImageFile, MapGrid, Window, write_file, write_json};
@@ -17,10 +17,13 @@ use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, DSM, PLAN, STAGE, TILES};
 use crate::scene::{Aoi, ReadCost, Role, Scene, View, angle_between_deg, require_tiled_images};
 use crate::splat::train::recipe::Recipe;
+use crate::stats::bounds;
 use std::path::Path;
 
 /// Smallest side of a core that planning chooses to stay within a given memory, metres.
 const SMALLEST_CORE_M: f64 = 64.0;
+/// An area whose sides are at most so many cores long is not cut, if memory allows: two small tiles take longer than one.
+const UNCUT_CORES: f64 = 1.5;
 /// A view belongs to a tile if it shows this share of the places of the overlap box that two training views see.
 const LEAST_COVERED: f64 = 0.3;
 /// Number of training views that a place needs to get a height.
@@ -43,12 +46,13 @@ pub fn needs_tiles(run: &Path, options: &PlanOptions) -> Result<bool, TilesError
     let from = adjusted(run)?;
     let (west, south, east, north) = from.setup.area;
     let side = (east - west).max(north - south);
-    if side > options.core_m + options.resolution_m {
+    if side > UNCUT_CORES * options.core_m + options.resolution_m {
         return Ok(true);
     }
     let Some(limit) = options.max_memory_mb else { return Ok(false) };
     let planner = Planner::new(run, options, from)?;
-    let (plan, _) = planner.plan(side + options.resolution_m, &planner.candidates()?)?;
+    let whole = CoreSize::uncut(side + options.resolution_m);
+    let (plan, _) = planner.plan(whole, &planner.candidates()?)?;
     Ok(plan.total.memory_mb > limit)
 }
 
@@ -133,6 +137,28 @@ struct Candidate<'a> {
 /// Which places of the overlap box of a tile a view shows, by rows.
 type Shown = [bool; PLACES * PLACES];
 
+/// The largest side of a core, metres.
+#[derive(Clone, Copy)]
+struct CoreSize {
+    /// Where an area is cut.
+    cut_m: f64,
+    /// Of an area that is not cut in this direction.
+    uncut_m: f64,
+}
+
+impl CoreSize {
+    /// Of an area that is not cut.
+    fn uncut(side_m: f64) -> Self {
+        Self { cut_m: side_m, uncut_m: side_m }
+    }
+
+    /// The next smaller one.
+    fn smaller(self) -> Self {
+        let cut_m = if self.uncut_m > self.cut_m { self.cut_m } else { 0.5 * self.cut_m };
+        Self { cut_m, uncut_m: cut_m }
+    }
+}
+
 /// Where a tile lies.
 struct Place {
     id: String,
@@ -191,15 +217,16 @@ impl<'a> Planner<'a> {
     /// The plan with the largest cores whose memory is below the limit, and notes about it.
     fn within_memory(&self) -> Result<(Plan, Vec<String>), TilesError> {
         let candidates = self.candidates()?;
-        let mut core_m = self.options.core_m;
+        let core_m = self.options.core_m;
+        let mut size = CoreSize { cut_m: core_m, uncut_m: UNCUT_CORES * core_m };
         loop {
-            let (plan, notes) = self.plan(core_m, &candidates)?;
+            let (plan, notes) = self.plan(size, &candidates)?;
             let limit = self.options.max_memory_mb.unwrap_or(f64::INFINITY);
             if plan.total.memory_mb <= limit {
                 return Ok((plan, notes));
             }
-            core_m *= 0.5;
-            if core_m < SMALLEST_CORE_M.max(CORE_PER_OVERLAP * self.overlap_m) {
+            size = size.smaller();
+            if size.cut_m < SMALLEST_CORE_M.max(CORE_PER_OVERLAP * self.overlap_m) {
                 return Err(TilesError::Memory { needed_mb: plan.total.memory_mb, limit_mb: limit });
             }
         }
@@ -228,9 +255,9 @@ impl<'a> Planner<'a> {
             .collect()
     }
 
-    fn plan(&self, core_m: f64, candidates: &[Candidate]) -> Result<(Plan, Vec<String>), TilesError> {
+    fn plan(&self, size: CoreSize, candidates: &[Candidate]) -> Result<(Plan, Vec<String>), TilesError> {
         let cell = self.options.resolution_m;
-        let places = self.places(core_m);
+        let places = self.places(size);
         let coverage = candidates.iter().map(|c| self.coverage(c, &places)).collect::<Result<Vec<_>, _>>()?;
         let (mut tiles, mut empty, mut capped) = (Vec::new(), Vec::new(), 0);
         for (i, place) in places.into_iter().enumerate() {
@@ -281,7 +308,7 @@ impl<'a> Planner<'a> {
             train: TileTraining::of(&self.options.train, &self.recipe),
             surface: self.surface.clone(),
             adjustment_hash: self.adjustment_hash.clone(),
-            core_m,
+            core_m: size.cut_m,
             overlap_m: self.overlap_m,
             tiles,
             total,
@@ -292,12 +319,12 @@ impl<'a> Planner<'a> {
     }
 
     /// The cores of all tiles, with the ranges of heights around them.
-    fn places(&self, core_m: f64) -> Vec<Place> {
+    fn places(&self, size: CoreSize) -> Vec<Place> {
         let cell = self.options.resolution_m;
         let o = self.overlap_m;
         let least = CORE_PER_OVERLAP * o;
-        let (columns, width) = cut(self.area[2] - self.area[0], core_m, least, cell);
-        let (rows, height) = cut(self.area[3] - self.area[1], core_m, least, cell);
+        let (columns, width) = cut(self.area[2] - self.area[0], size, least, cell);
+        let (rows, height) = cut(self.area[3] - self.area[1], size, least, cell);
         let place = |(row, column): (usize, usize)| {
             let west = self.area[0] + column as f64 * width;
             let south = self.area[1] + row as f64 * height;
@@ -401,7 +428,7 @@ impl<'a> Planner<'a> {
             return self.heights_m;
         }
         let around = |found| with_margins(found, (low, high)).into();
-        height_bounds(&heights).map_or(self.heights_m, around)
+        bounds(heights.into_iter()).map_or(self.heights_m, around)
     }
 
     /// The views of a tile, by the places of its overlap box that each view of the scene shows: those that show much of what
@@ -482,10 +509,11 @@ impl<'a> Planner<'a> {
     }
 }
 
-/// Number of parts and length of each, a multiple of `cell`, of a length cut into parts of at most `longest`, all of at least
-/// `least`: for that, parts may be a little longer than `longest`, and a short length is one part.
-fn cut(length: f64, longest: f64, least: f64, cell: f64) -> (usize, f64) {
+/// Number of parts and length of each, a multiple of `cell`, of a length cut into parts of at most the given size, all of at least
+/// `least`: for that, parts may be a little longer, and a short length is one part.
+fn cut(length: f64, size: CoreSize, least: f64, cell: f64) -> (usize, f64) {
     let cells = (length / cell).round().max(1.0);
+    let longest = if length <= size.uncut_m { size.uncut_m } else { size.cut_m };
     let most = (longest / cell + 1e-6).floor().max(1.0);
     let mut parts = (cells / most).ceil();
     let each = |parts: f64| (cells / parts).ceil();
@@ -571,7 +599,7 @@ mod tests {
         fn parts_cover_a_length_exactly(cells in 1usize..5000, longest in 20.0..600.0f64, cell in 0.2..2.0f64) {
             let length = cells as f64 * cell;
             let least = 0.25 * longest;
-            let (parts, each) = cut(length, longest.max(cell), least, cell);
+            let (parts, each) = cut(length, CoreSize::uncut(longest.max(cell)), least, cell);
             prop_assert!(each <= 2.0 * longest.max(cell) + 1e-6);
             prop_assert!(parts == 1 || length - each * (parts - 1) as f64 >= least - 1e-6);
             prop_assert!((each / cell - (each / cell).round()).abs() < 1e-6);
@@ -582,10 +610,22 @@ mod tests {
 
     #[test]
     fn parts_are_of_nearly_the_same_length() {
-        assert_eq!(cut(1000.0, 512.0, 64.0, 0.5), (2, 500.0));
-        assert_eq!(cut(512.0, 512.0, 64.0, 0.5), (1, 512.0));
-        assert_eq!(cut(1030.0, 512.0, 64.0, 0.5), (3, 343.5));
-        assert_eq!(cut(100.0, 64.0, 64.0, 0.5), (1, 100.0));
+        let size = CoreSize { cut_m: 512.0, uncut_m: 768.0 };
+        assert_eq!(cut(1000.0, size, 64.0, 0.5), (2, 500.0));
+        assert_eq!(cut(512.0, size, 64.0, 0.5), (1, 512.0));
+        assert_eq!(cut(1030.0, size, 64.0, 0.5), (3, 343.5));
+        assert_eq!(cut(100.0, CoreSize::uncut(64.0), 64.0, 0.5), (1, 100.0));
+    }
+
+    #[test]
+    fn an_area_a_little_longer_than_a_core_is_not_cut_unless_memory_is_short() {
+        let size = CoreSize { cut_m: 512.0, uncut_m: 768.0 };
+        assert_eq!(cut(522.0, size, 64.0, 0.5), (1, 522.0));
+        assert_eq!(cut(769.0, size, 64.0, 0.5), (2, 384.5));
+        let smaller = size.smaller();
+        assert_eq!((smaller.cut_m, smaller.uncut_m), (512.0, 512.0));
+        assert_eq!(cut(522.0, smaller, 64.0, 0.5), (2, 261.0));
+        assert_eq!(smaller.smaller().cut_m, 256.0);
     }
 
     #[test]

@@ -44,6 +44,8 @@ pub enum PageLayer {
         file: &'static str,
         /// A PNG of its colours.
         texture: Option<&'static str>,
+        /// The number of views that see each cell, a byte each, 255 where that is not known.
+        views: Option<&'static str>,
         /// Number of columns.
         columns: usize,
         /// Number of rows.

@@ -1,6 +1,7 @@
 //! A surface model as a relief: its heights on a grid that is not too fine for a browser, and the colours of an orthophoto.
 
 use super::ViewerError;
+use crate::dsm::VIEWS_BAND;
 use crate::frame::SiteGrid;
 use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, png_rgb, read_heights};
 use std::path::Path;
@@ -25,14 +26,24 @@ pub struct ReliefLayer {
     pub cell: f64,
     /// A PNG of the colours of the whole grid.
     pub texture: Option<Vec<u8>>,
+    /// The number of views that see each cell, [`ReliefLayer::UNKNOWN`] where that is not known.
+    pub views: Option<Vec<u8>>,
 }
 
 impl ReliefLayer {
-    /// Reads a surface model, averaged down if it has too many cells, and an orthophoto on the same grid.
+    /// The number of views of a cell of which it is not known.
+    pub const UNKNOWN: u8 = 255;
+
+    /// Reads a surface model, averaged down if it has too many cells, and an orthophoto and a confidence on the same grid.
     ///
     /// # Errors
     /// [`ViewerError`] if a file cannot be read or the vertical reference is unknown.
-    pub fn read(dsm: &Path, ortho: Option<&Path>, site: &SiteGrid) -> Result<Self, ViewerError> {
+    pub fn read(
+        dsm: &Path,
+        ortho: Option<&Path>,
+        confidence: Option<&Path>,
+        site: &SiteGrid,
+    ) -> Result<Self, ViewerError> {
         let file = ImageFile::open(dsm)?;
         let grid = file.map_grid()?;
         let step = ((grid.width * grid.height) as f64 / MOST_CELLS as f64).sqrt().ceil().max(1.0) as usize;
@@ -44,6 +55,8 @@ impl ReliefLayer {
         let down = site.origin.z() - undulation_m(&file, &grid, site)?;
         altitudes.data.iter_mut().for_each(|z| *z = (f64::from(*z) - down) as f32);
         let texture = ortho.map(|path| texture(path, &grid, window)).transpose()?.flatten();
+        let size = (altitudes.width, altitudes.height);
+        let views = confidence.map(|path| views(path, &grid, window, size)).transpose()?.flatten();
         let [east, north, _] = site.origin.xyz();
         Ok(Self {
             altitudes,
@@ -51,6 +64,7 @@ impl ReliefLayer {
             north: grid.north - north,
             cell: grid.cell * factor as f64,
             texture,
+            views,
         })
     }
 
@@ -68,6 +82,23 @@ fn undulation_m(file: &ImageFile, grid: &MapGrid, site: &SiteGrid) -> Result<f64
     let place = site.geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));
     let undulation = VerticalReference::read(&name)?.undulation_m(place.lon_deg(), place.lat_deg());
     Ok(if undulation.is_finite() { undulation } else { 0.0 })
+}
+
+/// The numbers of views in a window of a confidence, averaged down to a size, if it has the grid of the surface model and the views
+/// are counted.
+fn views(
+    path: &Path,
+    grid: &MapGrid,
+    window: Window,
+    size: (usize, usize),
+) -> Result<Option<Vec<u8>>, ViewerError> {
+    let file = ImageFile::open(path)?;
+    if file.bands() < VIEWS_BAND || !file.map_grid()?.is_same(grid, SLACK) {
+        return Ok(None);
+    }
+    let views = file.read_scaled(VIEWS_BAND, window, size)?;
+    let count = |v: &f32| if v.is_nan() { ReliefLayer::UNKNOWN } else { v.round().clamp(0.0, 254.0) as u8 };
+    Ok(views.valid().next().is_some().then(|| views.data.iter().map(count).collect()))
 }
 
 /// The colours of a window of an orthophoto, if it has the grid of the surface model.
@@ -114,7 +145,7 @@ mod tests {
         let colors = Cog { heights_from: None, ..cog };
         colors.write_u8(&ortho, vec![band(200), band(100), band(50)], None).unwrap();
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_100.0, 3_357_600.0, -20.0) };
-        let relief = ReliefLayer::read(&dsm, Some(&ortho), &site).unwrap();
+        let relief = ReliefLayer::read(&dsm, Some(&ortho), None, &site).unwrap();
         let cells = &relief.altitudes;
         assert!(cells.data.len() <= MOST_CELLS && relief.cell == 1.0);
         assert_eq!((cells.width, cells.height), (800, 600));

@@ -40,9 +40,9 @@ impl Desk {
     }
     /// A truth as DFC2019 ships it: pixels without a place, and a text file.
     fn truth_with_txt(&self, text: Option<&str>) {
-        let pixels: Vec<u8> = (0..3600u32).map(|i| (i % 251) as u8).collect();
+        let heights = Grid2::from_fn(60, 60, |col, row| ((row * 60 + col) % 251) as f32);
         let image = satgs::io::SensorImage { width: 60, height: 60, rpc: &[], metadata: &[] };
-        image.write_u8(&self.path("PLAIN_DSM.tif"), vec![pixels]).unwrap();
+        image.write_f32(&self.path("PLAIN_DSM.tif"), &[("", "", &heights)]).unwrap();
         if let Some(text) = text {
             std::fs::write(self.path("PLAIN_DSM.txt"), text).unwrap();
         }

@@ -8,7 +8,7 @@ use satgs::metrics::HeightRaster;
 use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, Scene, read};
-use satgs::simulate::{self, Relief, simulate};
+use satgs::simulate::{self, Relief, Terrain, simulate};
 use std::path::Path;
 
 /// Largest distance of a corrected camera from the true one, pixels, once the common translation is taken out.
@@ -25,7 +25,8 @@ const DEM_CELL_M: f64 = 20.0;
 
 fn worst_shift_px(relief: Relief) -> f64 {
     let folder = tempfile::tempdir().unwrap();
-    let options = simulate::SimulateOptions { relief, ..simulate::SimulateOptions::default() };
+    let options =
+        simulate::SimulateOptions { terrain: Terrain::Town(relief), ..simulate::SimulateOptions::default() };
     simulate(folder.path(), &options, &NoProgress).unwrap();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     let made = adjust(&scene, &BundleOptions::default(), &NoProgress).unwrap();

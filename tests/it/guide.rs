@@ -3,12 +3,16 @@
 //! A block of commands whose first line is ```` ```sh test ```` is run by `sh` in a folder that holds a copy of
 //! `data/`: first those of README.md, then those of the guide's pages in the order of its index. After `test`
 //! may stand `creates=FILE,FILE` (files that must exist afterwards) and `exit=N` (the exit code, 0 unless given).
+//! Every other block says what it needs that the test has not ([`REASONS`]): ```` ```sh needs=images ````.
 
 use crate::common::copy_folder;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 const GUIDE: &str = "docs/guide";
+/// What blocks need that are not run: images or points that are not in the repository, a network's file, minutes of work, a
+/// browser, several machines, the system's packages.
+const REASONS: [&str; 6] = ["images", "model", "minutes", "browser", "cluster", "root"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -98,6 +102,19 @@ fn commands_of_readme_and_guide_do_what_the_pages_say() {
         assert_eq!(output.status.code(), Some(block.exit), "{said}");
         for file in &block.creates {
             assert!(folder.path().join(file).exists(), "`{file}` is missing: {said}");
+        }
+    }
+}
+
+#[test]
+fn blocks_of_commands_are_run_or_say_why_not() {
+    for page in pages() {
+        for (n, line) in read(&page).lines().enumerate() {
+            let Some(mark) = line.trim_start().strip_prefix("```sh") else { continue };
+            let is_excused =
+                mark.trim().strip_prefix("needs=").is_some_and(|reason| REASONS.contains(&reason));
+            let is_known = mark.starts_with(" test") || is_excused;
+            assert!(is_known, "{page}:{}: neither `test` nor `needs=` one of {REASONS:?}", n + 1);
         }
     }
 }

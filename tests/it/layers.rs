@@ -17,7 +17,7 @@ const LAYERS: [(&str, Option<&[&str]>); 30] = [
     ("rpc", None),
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
-    ("simulate", Some(&["random", "progress", "frame", "io", "rpc", "scene"])),
+    ("simulate", Some(&["stats", "random", "progress", "frame", "io", "rpc", "scene"])),
     ("bundle", Some(&["stats", "progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
     ("camera", Some(&["simd"])),
     ("affine", Some(&["stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),

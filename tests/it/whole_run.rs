@@ -264,7 +264,7 @@ fn worst_shift_px(scene: &Path, run: &Path) -> f64 {
 /// said to be missing.
 fn assert_page(path: &Path, missing: usize) {
     let page = std::fs::read_to_string(path).unwrap();
-    for id in ["inputs", "adjustment", "training", "surface", "scores", "commands"] {
+    for id in ["result", "inputs", "adjustment", "training", "surface", "scores", "commands"] {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
         assert!(page.contains(&format!("href=\"#{id}\"")), "{id}");
     }
@@ -277,8 +277,8 @@ fn assert_page(path: &Path, missing: usize) {
         assert!(!page.contains(outside), "{outside}");
     }
     let pictures: Vec<&str> = page.split("data:image/png;base64,").skip(1).collect();
-    // Eight views; surface, orthophoto, and the pair with its colours.
-    assert_eq!(pictures.len(), if missing == 0 { 13 } else { 8 });
+    // Eight views; surface, orthophoto, confidence, and the pair with its colours.
+    assert_eq!(pictures.len(), if missing == 0 { 14 } else { 8 });
     for picture in pictures {
         let (data, rest) = picture.split_once('"').unwrap();
         image::load_from_memory_with_format(&BASE64_STANDARD.decode(data).unwrap(), image::ImageFormat::Png)
@@ -291,5 +291,5 @@ fn assert_page(path: &Path, missing: usize) {
         let xml = roxmltree::Document::parse(&svg).unwrap();
         assert!(xml.root_element().attribute("aria-label").is_some());
     }
-    assert_eq!(page.matches("<svg ").count(), if missing == 0 { 12 } else { 1 });
+    assert_eq!(page.matches("<svg ").count(), if missing == 0 { 13 } else { 2 });
 }

@@ -46,7 +46,7 @@ pub(super) fn fused(sweep: &PlaneSweep, references: &[ReferenceView], maps: &[Ra
     let raster = |data| Grid2 { width: grid.width, height: grid.height, data };
     let (mut altitude, mut score) = (raster(altitude), raster(score));
     close_gaps(&mut altitude, &mut score, GAP_STEP * discontinuity_m);
-    fill(sweep, &mut altitude, &mut score);
+    fill(sweep, &mut altitude, &mut score, discontinuity_m);
     // Two or three views do not determine the surface well enough for training without this prior.
     let prior_weight =
         Grid2::from_fn(grid.width, grid.height, |col, row| f32::from(!altitude.at(col, row).is_nan()));

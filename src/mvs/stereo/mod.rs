@@ -12,13 +12,15 @@
 //! 3. The consistency check keeps altitudes that the map of a source view confirms (§2.6 there, for any
 //!    number of views); small connected parts are removed (`super::consistency`).
 //! 4. The maps are resampled to the map grid as meshes. Each cell takes the median over the views (`fuse`).
-//!    Cells that no two maps agree on are filled from their surroundings, with a score of 0 (`fill`).
+//!    Cells that no two maps agree on are filled from their surroundings, with a score of 0 (`fill`): low beside steps, smoothly
+//!    on terrain without steps (`steps`).
 
 mod fill;
 mod fuse;
 mod ray_ranges;
 mod rays;
 mod reference;
+mod steps;
 
 use super::consistency::{Check, consistent};
 use super::image::MatchImage;
@@ -63,9 +65,13 @@ fn altitude_map(sweep: &PlaneSweep, reference: &ReferenceView, most: f64) -> Ray
     let sources: Vec<&MatchImage> = reference.sources.iter().map(|j| &sweep.images[*j]).collect();
     let step_m = PLANE_STEP_PX * reference.value_per_px;
     let RayRanges { low_m, blocks } = RayRanges::new(sweep, image, step_m);
-    RayMap::matched(image, &sources, &blocks, most, |strip, ranges| {
+    let mut map = RayMap::matched(image, &sources, &blocks, most, |strip, ranges| {
         GroundRays::new(sweep, strip, &sources, (low_m, step_m), ranges)
-    })
+    });
+    if let Some(candidates) = &sweep.candidates {
+        map.keep(|pixel, altitude| candidates.at(image.point(pixel, altitude)).contains(f64::from(altitude)));
+    }
+    map
 }
 
 #[cfg(test)]

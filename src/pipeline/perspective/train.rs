@@ -153,8 +153,8 @@ pub(super) fn train_scene(
         splats: splats.len(),
         camera_rms_px: None,
         camera_max_px: None,
-        l1: mean_of_last(&log, views.len(), "l1"),
-        ssim: mean_of_last(&log, views.len(), "ssim"),
+        l1: Some(mean_of_last(&log, views.len(), "l1")),
+        ssim: Some(mean_of_last(&log, views.len(), "ssim")),
         colors: None,
     };
     stage.complete(&trained)?;

@@ -5,7 +5,7 @@ use crate::io::read_text;
 use crate::predict::SplatSampling;
 use crate::predict::network::SplatNetwork;
 use crate::scene::TransferFunction;
-use crate::simulate::{Relief, SimulateOptions};
+use crate::simulate::{Relief, SimulateOptions, Terrain};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -161,11 +161,10 @@ impl LearnConfig {
             views: self.views,
             size_px: self.size_px,
             gsd_m: self.gsd_m[seed as usize % self.gsd_m.len()],
-            relief,
-            seasons: false,
-            cars_percent: None,
+            terrain: Terrain::Town(relief),
             held_out: TARGETS,
             overwrite: true,
+            ..SimulateOptions::default()
         }
     }
 

@@ -13,7 +13,7 @@ use crate::predict::light::calibrate;
 use crate::predict::observer::SatelliteImages;
 use crate::predict::{Cloud, ImageNetwork, PredictError, is_within, reference};
 use crate::progress::{Event, NoProgress, Progress};
-use crate::simulate::{Relief, SimulateOptions};
+use crate::simulate::{Relief, SimulateOptions, Terrain};
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::appearance::{AppearanceKind, ModelParameters};
 use crate::splat::backend::stopwatch::Stopwatch;
@@ -97,8 +97,8 @@ impl<'a> Towns<'a> {
     /// taken.
     pub fn load(&self, seed: u64) -> Result<Arc<Town>, LearnError> {
         let options = self.config.town(seed);
-        let SimulateOptions { views, size_px, gsd_m, relief, .. } = options;
-        let relief = if relief == Relief::Hilly { "hilly" } else { "rolling" };
+        let SimulateOptions { views, size_px, gsd_m, ref terrain, .. } = options;
+        let relief = if *terrain == Terrain::Town(Relief::Hilly) { "hilly" } else { "rolling" };
         let folder = self.folder.join(format!("towns/{seed}-{views}x{size_px}px-{gsd_m}m-{relief}"));
         let mut town = Town::load(&folder, &options, self.config.transfer_function(seed)?, &NoProgress)?;
         town.maps = self.maps(seed, &town)?;

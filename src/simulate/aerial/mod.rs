@@ -13,7 +13,9 @@ use super::calendar::Calendar;
 use super::error::SimulateError;
 use super::field::{Field, Material, Place};
 use super::folder;
+use super::geodesy::{PLACE, sun_on_map};
 use super::keyed_rng::KeyedRng;
+use super::options::BitDepth;
 use super::perspective::{Hit, PinholeCamera, PointRules, Scenery, TestSet, TestSetSummary};
 use super::radiometry::Radiometry;
 use super::rays::Sight;
@@ -21,7 +23,6 @@ use super::render::Shot;
 use super::season::Palette;
 use super::surface::Surface;
 use super::town::Town;
-use super::{PLACE, geodesy::sun_on_map};
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::progress::{Event, Progress};
 use glam::DVec3;
@@ -97,7 +98,7 @@ impl TownFromAbove {
         Ok(Self {
             town,
             palette: Palette::mild(moment.day_of_year, colors),
-            radiometry: Radiometry::new(rng.key(4003), sun).without_noise(),
+            radiometry: Radiometry::new(rng.key(4003), sun, BitDepth::Eight).without_noise(),
             colors,
             waves: rng.key(4004),
         })

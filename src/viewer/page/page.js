@@ -54,6 +54,8 @@ controls.screenSpacePanning = false;
 let isStale = true;
 const redraw = () => (isStale = true);
 controls.addEventListener("change", redraw);
+let hasTurned = false;
+controls.addEventListener("start", () => (hasTurned = true));
 // Centres as f32: half-precision ones would be off by decimetres.
 const spark = new L.SparkRenderer({ renderer, onDirty: redraw, accumExtSplats: true });
 scene.add(spark, new L.AmbientLight(0xffffff, 0.9));
@@ -84,6 +86,33 @@ const lookFrom = (azimuth, elevation, target = middle, distance = radius * 3) =>
 
 const color = (sRgb) => new L.Color(sRgb);
 
+// Viridis of Matplotlib, from low to high.
+const HEIGHT_COLORS = [0x440154, 0x3b528b, 0x21918c, 0x5ec962, 0xfde725].map(color);
+
+// Colours of heights, from that below which 2 % of the cells lie to that above which 2 % do, as in dsm.qml; the two ends.
+const heightScale = (heights) => {
+  const sorted = heights.filter((z) => !Number.isNaN(z)).sort();
+  const ends = [0.02, 0.98].map((share) => sorted[Math.floor(share * sorted.length)] ?? 0);
+  const colors = new Float32Array(3 * heights.length);
+  const mixed = new L.Color();
+  heights.forEach((z, i) => {
+    const share = Math.min(Math.max((z - ends[0]) / (ends[1] - ends[0] || 1), 0), 1) || 0;
+    const place = share * (HEIGHT_COLORS.length - 1);
+    const k = Math.min(Math.floor(place), HEIGHT_COLORS.length - 2);
+    mixed.copy(HEIGHT_COLORS[k]).lerp(HEIGHT_COLORS[k + 1], place - k).toArray(colors, 3 * i);
+  });
+  return { colors, ends };
+};
+
+// Colours of the numbers of views, as in report.html: fewer than two (filled in), two, three, four or more; not known.
+const VIEW_COLORS = [0xe69f00, 0xa6cee3, 0x5696d6, 0x084594].map(color);
+const NOT_KNOWN = color(0xbebebe);
+const viewColors = (views) => {
+  const colors = new Float32Array(3 * views.length);
+  views.forEach((n, i) => (n === 255 ? NOT_KNOWN : VIEW_COLORS[Math.min(Math.max(n - 1, 0), 3)]).toArray(colors, 3 * i));
+  return colors;
+};
+
 const makers = {
   async splats({ file }) {
     const mesh = new L.SplatMesh({ fileBytes: await bytesOf(file), fileName: file, extSplats: true });
@@ -91,7 +120,7 @@ const makers = {
     return mesh;
   },
 
-  async relief({ file, texture, columns, rows, west, north, cell }) {
+  async relief({ file, texture, views, columns, rows, west, north, cell }) {
     const heights = new Float32Array((await bytesOf(file)).buffer);
     const positions = new Float32Array(3 * columns * rows);
     const places = new Float32Array(2 * columns * rows);
@@ -118,6 +147,10 @@ const makers = {
     shape.setIndex(triangles);
     shape.computeVertexNormals();
     const shaded = new L.MeshLambertMaterial({ color: 0xc9c4ba, side: L.DoubleSide });
+    const scale = heightScale(heights);
+    const byViews = views && viewColors(await bytesOf(views));
+    shape.setAttribute("color", new L.BufferAttribute(scale.colors, 3));
+    const colored = new L.MeshLambertMaterial({ vertexColors: true, side: L.DoubleSide });
     let draped = shaded;
     if (texture) {
       const picture = new L.Texture(await createImageBitmap(new Blob([await bytesOf(texture)]), { imageOrientation: "flipY" }));
@@ -126,7 +159,11 @@ const makers = {
     }
     const mesh = new L.Mesh(shape, draped);
     $("colors").addEventListener("change", ({ target }) => {
-      mesh.material = target.value === "shade" ? shaded : draped;
+      mesh.material = { shade: shaded, height: colored, views: colored, ortho: draped }[target.value];
+      shape.setAttribute("color", new L.BufferAttribute(target.value === "views" ? byViews : scale.colors, 3));
+      $("heights").hidden = target.value !== "height";
+      $("counts").hidden = target.value !== "views";
+      scale.ends.forEach((z, k) => ($("heights").children[k + 1].textContent = `${(z + run.origin[2]).toFixed(1)} m`));
       redraw();
     });
     // Comparing a ray with every triangle would take too long under a moving pointer: it is followed over the grid.
@@ -230,7 +267,12 @@ const addLayer = (layer) => {
   world.add(layer.object);
   layers.push(layer);
 };
-const showColors = () => ($("colors").hidden = !visible("relief").some((l) => l.texture));
+const showColors = () => {
+  $("colors").hidden = !visible("relief").length;
+  $("colors").querySelector("[value=ortho]").parentElement.hidden = !visible("relief").some((l) => l.texture);
+  $("colors").querySelector("[value=views]").parentElement.hidden = !visible("relief").some((l) => l.views);
+  $("named").hidden = !visible("cameras").length;
+};
 const visible = (...kinds) => layers.filter((l) => kinds.includes(l.kind) && l.object.visible);
 
 // ---- Places: what is under the pointer, and map coordinates
@@ -294,6 +336,26 @@ const showPlace = () => {
 // Often enough for the eye; the ray is compared with every splat and triangle.
 setInterval(showPlace, 120);
 
+// Names beside the cameras, as far as they do not cover each other.
+const showNames = () => {
+  const isAsked = $("named").querySelector("input").checked;
+  const [taken, names] = [[], []];
+  for (const { at, name } of isAsked ? visible("cameras").flatMap((l) => l.views) : []) {
+    const p = turned(at).project(camera);
+    if (p.z > 1 || Math.abs(p.x) > 1 || Math.abs(p.y) > 1) continue;
+    const [x, y] = [((p.x + 1) / 2) * innerWidth, ((1 - p.y) / 2) * innerHeight];
+    const wide = 7 * name.length + 12;
+    if (taken.some((t) => x < t.x + t.wide && t.x < x + wide && Math.abs(y - t.y) < 16)) continue;
+    taken.push({ x, y, wide });
+    const label = document.createElement("span");
+    label.textContent = name;
+    Object.assign(label.style, { left: `${x}px`, top: `${y}px` });
+    names.push(label);
+  }
+  $("names").replaceChildren(...names);
+};
+$("named").addEventListener("change", redraw);
+
 // ---- Measuring
 
 const marks = [];
@@ -314,7 +376,8 @@ const showMeasure = () => {
     }
     for (const part of drawn.children) part.renderOrder = 10;
   }
-  $("measure").hidden = !marks.length;
+  $("measure").hidden = $("clear").hidden = !marks.length;
+  if (marks.length) $("panel").open = true;
   for (const [k, name] of ["a", "b"].entries()) {
     const place = marks[k] ? map(marks[k]).map(metres) : ["", "", ""];
     ["e", "n", "h"].forEach((axis, i) => ($(name + axis).textContent = place[i]));
@@ -350,11 +413,12 @@ renderer.domElement.addEventListener("pointerup", (event) => {
   marks.push(found.point);
   showMeasure();
 });
-addEventListener("keydown", ({ key }) => {
-  if (key !== "Escape") return;
+const clearMeasure = () => {
   marks.length = 0;
   showMeasure();
-});
+};
+addEventListener("keydown", ({ key }) => key === "Escape" && clearMeasure());
+$("clear").addEventListener("click", clearMeasure);
 
 // ---- Drawing
 
@@ -419,14 +483,33 @@ const animate = () => {
   }
   renderer.render(scene, camera);
   showFrame();
+  showNames();
+};
+
+// The whole scene, from the south; farther away if cameras that are shown would lie outside of the picture.
+const lookHome = () => {
+  const views = visible("cameras").flatMap((l) => l.views);
+  const isOutside = ({ at }) => {
+    const p = turned(at).project(camera);
+    return p.z > 1 || Math.max(Math.abs(p.x), Math.abs(p.y)) > 0.95;
+  };
+  // A narrow picture shows less to the sides.
+  for (let distance = radius * 3 * Math.max(1, 0.85 / camera.aspect), k = 0; k < 24; k++, distance *= 1.15) {
+    lookFrom(180, 45, middle, distance);
+    camera.far = distance + 8 * radius;
+    camera.updateProjectionMatrix();
+    camera.updateMatrixWorld();
+    if (!views.some(isOutside)) break;
+  }
 };
 
 const start = async () => {
   document.title = $("title").textContent = run.title;
   $("north").style.display = run.isOnMap ? "" : "none";
   resize();
-  lookFrom(180, 45);
-  $("home").addEventListener("click", () => lookFrom(180, 45));
+  lookHome();
+  $("panel").open = innerWidth > 520;
+  $("home").addEventListener("click", lookHome);
   $("top").addEventListener("click", () => lookFrom(180, 89.99));
   animate();
   for (const layer of run.layers) {
@@ -438,6 +521,9 @@ const start = async () => {
     redraw();
   }
   if (!failures.length) $("state").textContent = "";
+  showColors();
+  // Unless somebody has looked around meanwhile.
+  if (!hasTurned) lookHome();
   isLoaded = true;
   redraw();
 };

@@ -18,6 +18,15 @@ pub enum RecipeError {
         /// The operating system's message.
         reason: String,
     },
+    /// There is neither a recipe nor a file of this name.
+    #[error("recipe `{name}` is neither one of satgs' recipes nor a file")]
+    #[diagnostic(help(
+        "recipes are {}; `satgs train --print-recipe best > my.toml` writes one as a TOML file to change", Recipe::NAMES.join(", ")
+    ))]
+    Unknown {
+        /// The given name.
+        name: String,
+    },
     /// The file is not a valid recipe.
     #[error("recipe `{path}`: {reason}")]
     #[diagnostic(help("`satgs train --print-recipe best` prints one to start from"))]
@@ -36,6 +45,9 @@ impl Recipe {
     /// [`RecipeError`] names the file, and the line or the value.
     pub fn read(path: &Path) -> Result<Self, RecipeError> {
         let refused = |reason: String| RecipeError::Format { path: path.into(), reason };
+        if !path.exists() {
+            return Err(RecipeError::Unknown { name: path.display().to_string() });
+        }
         let text = read_text(path)
             .map_err(|e| RecipeError::Io { path: path.into(), reason: e.cause.to_string() })?;
         let recipe: Self = toml::from_str(&text).map_err(|e| refused(e.to_string().trim_end().into()))?;

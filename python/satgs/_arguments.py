@@ -1,0 +1,91 @@
+"""Checks of arguments by their annotations, before the extension module sees them: an error names the argument, what was
+found and what is expected."""
+
+from __future__ import annotations
+
+import collections.abc
+import numbers
+import os
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from satgs.errors import InputError
+
+_WORDS: dict[object, str] = {
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    os.PathLike: "a path",
+}
+
+
+def check(call: str, arguments: Mapping[str, object]) -> None:
+    """Checks the arguments of a call of this package, by its name.
+
+    Raises:
+        TypeError: An argument is of another type than its annotation.
+        InputError: A whole number is negative.
+    """
+    from satgs import _calls
+
+    for name, kind in typing.get_type_hints(getattr(_calls, call)).items():
+        value = arguments.get(name)
+        if value is None and types.NoneType in typing.get_args(kind):
+            continue
+        if name in arguments and not _fits(value, kind):
+            raise TypeError(f"`{name}` is {value!r}, expected {_words(kind)} (help(satgs.{call}))")
+        if int in typing.get_args(kind) and typing.cast(int, value) < 0:
+            raise InputError(f"`{name}` is {value!r}, expected a number from 0 on")
+
+
+def _fits(value: object, kind: Any) -> bool:
+    """Whether a value is of an annotated type. Whole numbers are numbers, and those of NumPy count."""
+    origin, parts = typing.get_origin(kind) or kind, typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(value, part) for part in parts)
+    if origin is typing.Literal:
+        # Which of the values there are, the library says.
+        return isinstance(value, type(parts[0]))
+    if origin is bool or isinstance(value, bool):
+        return origin is bool and isinstance(value, bool)
+    if origin is int:
+        return isinstance(value, numbers.Integral)
+    if origin is float:
+        return isinstance(value, numbers.Real)
+    if origin is tuple:
+        is_list = isinstance(value, (tuple, list)) or hasattr(value, "__array__")
+        items = list(typing.cast(Any, value)) if is_list else []
+        return is_list and len(items) == len(parts) and all(map(_fits, items, parts))
+    if origin is collections.abc.Sequence:
+        is_list = isinstance(value, (tuple, list)) or hasattr(value, "__array__")
+        return is_list and all(_fits(item, parts[0]) for item in typing.cast(Any, value))
+    if origin is collections.abc.Mapping:
+        is_mapping = isinstance(value, Mapping)
+        return is_mapping and all(_fits(k, parts[0]) and _fits(v, parts[1]) for k, v in typing.cast(Any, value).items())
+    if origin is collections.abc.Callable:
+        return callable(value)
+    return isinstance(value, origin)
+
+
+def _words(kind: Any) -> str:
+    """An annotated type in words, without `None`."""
+    origin, parts = typing.get_origin(kind) or kind, typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        is_path = any(typing.get_origin(part) is os.PathLike for part in parts)
+        unsaid = (types.NoneType, str) if is_path else (types.NoneType,)
+        words = [_words(part) for part in parts if part not in unsaid]
+        return " or ".join(dict.fromkeys(words))
+    if origin is typing.Literal:
+        return " or ".join(repr(part) for part in parts)
+    if origin is tuple:
+        return f"{len(parts)} values, each {_words(parts[0])}"
+    if origin is collections.abc.Sequence:
+        return f"a list, each item {_words(parts[0])}"
+    if origin is collections.abc.Mapping:
+        return f"a dictionary, each value {_words(parts[1])}"
+    if origin is collections.abc.Callable:
+        return "a function"
+    return _WORDS.get(origin, str(origin))
