@@ -9,6 +9,9 @@ use crate::progress::{Event, Progress};
 use glam::DVec2;
 use rayon::prelude::*;
 
+/// The mean colour of a window is that of so many pixels on each side of its centre, and of the centre.
+const AVERAGED: i64 = 3;
+
 /// For each view its depths in the unit of the scene, NaN where they are not known, in a map of the image file: with the distortion
 /// of its lens, at the size at which views are matched.
 ///
@@ -56,18 +59,41 @@ pub fn stereo_points(
     let of_view = |own: &[MatchedPoint]| -> Result<Vec<ScenePoint>, PerspectiveError> {
         let Some((view, _)) = own.first().and_then(|p| views.get(p.view)) else { return Ok(Vec::new()) };
         let image = view.read_image()?;
-        let byte = |v: f32| (255.0 * v).round().clamp(0.0, 255.0) as u8;
-        let point = |p: &MatchedPoint| {
-            let rgb = image.planes.each_ref().map(|plane| byte(plane.at(p.col, p.row)));
-            let is_surface = image.shows_surface(p.row * image.planes[0].width + p.col);
-            is_surface.then_some(ScenePoint { position: p.position, rgb })
-        };
+        let point =
+            |p: &MatchedPoint| Some(ScenePoint { position: p.position, rgb: color(&image, p.pixel)? });
         Ok(own.iter().filter_map(point).collect())
     };
     let by_view: Vec<&[MatchedPoint]> = points.chunk_by(|a, b| a.view == b.view).collect();
     let colored: Vec<Result<Vec<ScenePoint>, PerspectiveError>> =
         by_view.into_par_iter().map(of_view).collect();
     Ok(colored.into_iter().collect::<Result<Vec<_>, _>>()?.concat())
+}
+
+/// The colour of a pixel; outside of the image the mean of what it shows nearest to there, of the more the farther away. None where
+/// it shows nothing.
+fn color(image: &ViewImage, pixel: [i64; 2]) -> Option<[u8; 3]> {
+    let Grid2 { width, height, .. } = image.planes[0];
+    let last = [width, height].map(|count| count as i64 - 1);
+    let nearest = [0, 1].map(|k| pixel[k].clamp(0, last[k]));
+    let outside = (0..2).map(|k| (pixel[k] - nearest[k]).abs()).max().unwrap_or(0);
+    let is_shown = |[col, row]: [i64; 2]| image.shows_surface(row as usize * width + col as usize);
+    if !is_shown(nearest) {
+        return None;
+    }
+    let window = (-AVERAGED..=AVERAGED).flat_map(|down| {
+        (-AVERAGED..=AVERAGED).map(move |right| {
+            let at = [nearest[0] + right * outside / AVERAGED, nearest[1] + down * outside / AVERAGED];
+            [0, 1].map(|k| at[k].clamp(0, last[k]))
+        })
+    });
+    let (mut sum, mut count) = ([0.0; 3], 0.0);
+    for at in window.filter(|at| is_shown(*at)) {
+        for (sum, plane) in sum.iter_mut().zip(&image.planes) {
+            *sum += plane.at(at[0] as usize, at[1] as usize);
+        }
+        count += 1.0;
+    }
+    Some(sum.map(|sum| (255.0 * sum / count).round().clamp(0.0, 255.0) as u8))
 }
 
 /// Gray values as displayed; NaN where there is no surface.
@@ -98,4 +124,22 @@ fn of_file(view: &PerspectiveView, camera: &PinholeCamera, depth: &Grid2) -> Gri
             });
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outside_of_an_image_colors_are_those_of_its_rim() {
+        let plane = Grid2::from_fn(40, 30, |col, row| if col < 20 { 0.2 } else { 0.01 * row as f32 });
+        let mut image = ViewImage { planes: [(); 3].map(|()| plane.clone()), opacity: None };
+        assert_eq!(color(&image, [30, 20]), Some([51; 3]));
+        assert_eq!(color(&image, [-9, 15]), Some([51; 3]));
+        // The mean of the rows near the last one, which are few.
+        let [below, ..] = color(&image, [39, 60]).unwrap_or_default();
+        assert!((40..74).contains(&below), "{below}");
+        image.planes[1].data[39] = f32::NAN;
+        assert_eq!(color(&image, [60, -20]), None);
+    }
 }

@@ -69,7 +69,7 @@ pub(super) fn train_scene(
     options: &TrainOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<Trained>, PipelineError> {
-    let recipe = options.perspective_recipe()?;
+    let recipe = options.perspective_recipe_for(scene.training().count())?;
     let frame = WorkingFrame::of(scene)?;
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, scene, &frame, options, &recipe)?);
