@@ -40,5 +40,9 @@ fn a_scene_without_points_starts_from_its_photographs() {
         colmap::write(&points, &without, colmap::Format::Binary).unwrap();
         succeeds(&["run", &path("room"), "-o", &path("run"), "--iterations", "2", "-q"]);
         assert!(folder.join("run/priors/depths/prior.json").is_file());
+        let summary = std::fs::read_to_string(folder.join("run/train/summary.json")).unwrap();
+        let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+        // Random points are 100,000; the images have fewer pixels.
+        assert!((1000..40_000).contains(&summary["splats_start"].as_u64().unwrap()), "{summary}");
     });
 }

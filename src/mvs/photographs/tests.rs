@@ -93,8 +93,8 @@ fn depths_of_a_room_are_complete_and_exact() {
         let px = camera.project(p.position);
         px.is_some_and(|px| (px.col - 63.5).abs() <= 64.0 && (px.row - 47.5).abs() <= 48.0)
     };
-    let (beyond, seen): (Vec<_>, Vec<_>) =
-        points.iter().partition(|p: &&MatchedPoint| cameras.iter().all(|camera| !frames(camera, p)));
+    let (beyond, seen): (Vec<&MatchedPoint>, Vec<&MatchedPoint>) =
+        points.iter().partition(|p| cameras.iter().all(|camera| !frames(camera, p)));
     assert!(beyond.len() > 20 && beyond.len() * 2 < seen.len(), "{} {}", beyond.len(), seen.len());
     assert!(seen.iter().all(|p| frames(&cameras[p.view], p)), "the surface goes on where no view sees it");
     for (view, truth) in found.iter().zip(&truth) {

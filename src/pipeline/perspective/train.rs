@@ -41,7 +41,7 @@ use std::sync::Arc;
 
 /// Largest spacing of coordinates as a share of the extent of the cameras.
 const COARSEST: f64 = 1e-4;
-/// Most points that matching gives to start from, and fewest.
+/// Most points that matching gives to start from, about, and fewest pixels that must have a depth for a start from it.
 const MOST_MATCHED: usize = 150_000;
 const FEWEST_MATCHED: usize = 1000;
 /// The box of the splats leaves out this share at each side: a few float far away.
@@ -261,15 +261,16 @@ fn matched_scene(
     };
     let depths = training.iter().zip(&priors);
     let depths: Vec<_> = depths.filter_map(|(view, prior)| Some((*view, prior.depth.as_ref()?))).collect();
-    let points = stereo_points(&depths, MOST_MATCHED)?;
-    if points.len() < FEWEST_MATCHED {
+    let matched: usize = depths.iter().map(|(_, depth)| depth.values.valid().count()).sum();
+    if matched < FEWEST_MATCHED {
         let text =
             "the scene has no points, and its photographs do not match: training starts from random points";
         progress.event(Event::Warning(text.into()));
         return Ok(None);
     }
+    let points = stereo_points(&depths, MOST_MATCHED)?;
     let text = format!(
-        "the scene has no points: training starts from {} that matching of {} photographs finds",
+        "the scene has no points: training starts from {} by matching of {} photographs",
         points.len(),
         depths.len()
     );
