@@ -18,8 +18,8 @@ fn stereo_makes_maps_in_the_unit_of_the_scene_once() {
         let args = ["prior", &path("room"), "-o", &path("maps"), "--stereo", "-q"];
         succeeds(&args);
         let made = files(&folder.join("maps"));
-        let says = |name: &str| String::from_utf8_lossy(&made[Path::new(name)]).into_owned();
-        assert!(says("prior.json").contains("measured"), "{}", says("prior.json"));
+        let kind = String::from_utf8_lossy(&made[&folder.join("maps/prior.json")]);
+        assert!(kind.contains("measured"), "{kind}");
         let maps = made.keys().filter(|name| name.extension().is_some_and(|end| end == "npy")).count();
         // Two of twelve views are held back.
         assert!((1..=10).contains(&maps), "{maps}");

@@ -99,7 +99,6 @@ fn depths_of_a_room_are_complete_and_exact() {
     assert!(seen.iter().all(|p| frames(&cameras[p.view], p)), "the surface goes on where no view sees it");
     for (view, truth) in found.iter().zip(&truth) {
         let (complete, median, most) = errors(&view.depth, truth);
-        println!("{complete:.3} {median:.5} {most:.5} {:?}", view.sources);
         // A pixel is about 4 % of the depth of the wall.
         assert!(complete > 0.7 && median < 0.008 && most < 0.03, "{complete} {median} {most}");
     }

@@ -315,6 +315,10 @@ fn priors(
         };
         progress.event(Event::Note(format!("the scene's own depth maps are the prior of {what}")));
     } else {
+        if options.priors.depths.is_none() && sources.depths.is_some() {
+            let text = "without --depth-prior the depths are those that matching of the photographs finds";
+            progress.event(Event::Note(text.into()));
+        }
         say_what_is_missing(sources, &weights, start, progress);
     }
     let mut priors = vec![ViewPriors::default(); training.len()];
