@@ -11,6 +11,9 @@ use std::sync::Arc;
 /// Stored colour of pixels that are masked. Unmasked black pixels are stored as the darkest blue.
 const MASKED: [u8; 3] = [0; 3];
 const BLACK: [u8; 3] = [0, 0, 1];
+/// Largest distance between a value of an 8-bit image, times 255, and a whole number.
+const WHOLE: f32 = 1e-3;
+
 /// A view that is trained on.
 #[derive(Clone, Debug)]
 pub struct TrainingView {
@@ -24,9 +27,11 @@ pub struct TrainingView {
     pub height: usize,
     /// Whether the image has a single band, which stands for all colours.
     pub is_gray: bool,
-    /// Colours (red, green, blue; 0 to 255) or [`MASKED`], row by row. This is all that is kept of an image:
-    /// three bytes a pixel.
+    /// Colours (red, green, blue; 0 to 255) or [`MASKED`], row by row.
     colors: Vec<[u8; 3]>,
+    /// Means of the three colours, 0 to 65,535, of an image of more than 8 bits, for matching: the colours of snow and of
+    /// shadows differ by less than 1/255.
+    fine_gray: Option<Vec<u16>>,
     /// Mask of the valid pixels of the image, if not all are valid. Valid pixels outside of the area are
     /// masked as well.
     valid: Option<Arc<ValidPixels>>,
@@ -54,6 +59,8 @@ impl TrainingView {
     ) -> Self {
         let (width, height) = (bands[0].width, bands[0].height);
         let (west, south, east, north) = area;
+        let values =
+            |i: usize| -> [f32; 3] { std::array::from_fn(|k| bands[k.min(bands.len() - 1)].data[i]) };
         let color = |i: usize| {
             let (col, row) = (i % width, i / width);
             // A ray is straight but for millimetres, and the area is convex.
@@ -61,7 +68,7 @@ impl TrainingView {
                 let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), altitude);
                 x >= west && x <= east && y >= south && y <= north
             });
-            let rgb: [f32; 3] = std::array::from_fn(|k| bands[k.min(bands.len() - 1)].at(col, row));
+            let rgb = values(i);
             if !inside || rgb.iter().any(|v| v.is_nan()) {
                 return MASKED;
             }
@@ -69,11 +76,28 @@ impl TrainingView {
             if stored == MASKED { BLACK } else { stored }
         };
         let colors = (0..width * height).into_par_iter().map(color).collect();
+        let is_fine = |v: f32| (255.0 * v - (255.0 * v).round()).abs() > WHOLE;
+        let fine_gray = bands.iter().any(|band| band.valid().any(is_fine)).then(|| {
+            let gray = |i| (values(i).iter().sum::<f32>() / 3.0 * f32::from(u16::MAX)).round() as u16;
+            (0..width * height).into_par_iter().map(gray).collect()
+        });
         let valid = ValidPixels::of_bands(bands).map(Arc::new);
         let (transfer_function, linear) =
             (TransferFunction::default(), linear_by_color(TransferFunction::default()));
         let is_gray = bands.len() == 1;
-        Self { name, camera, width, height, is_gray, colors, valid, sun_shear, transfer_function, linear }
+        Self {
+            name,
+            camera,
+            width,
+            height,
+            is_gray,
+            colors,
+            fine_gray,
+            valid,
+            sun_shear,
+            transfer_function,
+            linear,
+        }
     }
 
     /// The view with another relation between stored colours and linear radiance; by default, they are proportional.
@@ -89,9 +113,16 @@ impl TrainingView {
     #[must_use]
     pub fn sqrt_gray(&self) -> Grid2 {
         Grid2::from_fn(self.width, self.height, |col, row| {
-            let stored = self.colors[row * self.width + col];
-            let [r, g, b] = stored.map(|v| self.linear[usize::from(v)]);
-            if stored == MASKED { f32::NAN } else { ((r + g + b) / 3.0).sqrt() }
+            let pixel = row * self.width + col;
+            let stored = self.colors[pixel];
+            if stored == MASKED {
+                return f32::NAN;
+            }
+            let radiance = match &self.fine_gray {
+                Some(gray) => self.transfer_function.linear(f32::from(gray[pixel]) / f32::from(u16::MAX)),
+                None => stored.map(|v| self.linear[usize::from(v)]).iter().sum::<f32>() / 3.0,
+            };
+            radiance.sqrt()
         })
     }
 

@@ -105,7 +105,7 @@ pub enum BundleError {
     },
     /// All views see the scene from nearly the same direction.
     #[error(
-        "no two views differ by {needed_deg}° in direction, at most by {widest_deg:.1}°: heights cannot be measured"
+        "no two views differ by {needed_deg}° in direction, at most by {widest_deg:.2}°: heights cannot be measured"
     )]
     #[diagnostic(help("`satgs info` lists the convergence angles"))]
     NoBaseline {

@@ -3,7 +3,7 @@
 use super::{CliError, Ui};
 use crate::metrics::Evaluation;
 use crate::pipeline::{EvaluateOptions, evaluate};
-use crate::report::{SCORE_NOTE, ScoreTable, score_tables};
+use crate::report::{SCORE_NOTE, ScoreTable, expected_error_text, score_tables};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -122,6 +122,9 @@ fn tables(scores: &serde_json::Value) -> String {
             let _ = writeln!(out, "{}", cells.join("  "));
         }
         out.push('\n');
+    }
+    if let Some(text) = expected_error_text(scores) {
+        let _ = writeln!(out, "{text}\n");
     }
     let _ = writeln!(
         out,

@@ -20,6 +20,9 @@ pub struct Confidence {
     /// Number of views that see the cell: it lies on valid pixels of their image and is not occluded. 0 where the height
     /// was filled.
     pub views: Grid2,
+    /// Difference of height that moves a point by a pixel between the two views for which it is least, metres; 0 if views are
+    /// not counted.
+    pub height_of_pixel_m: f64,
 }
 
 /// A view for the counting of views per cell.
@@ -73,6 +76,7 @@ impl Dsm {
             }
         }
         confidence.views = seeing;
+        confidence.height_of_pixel_m = height_of_pixel_m(views);
     }
 
     /// Sets the number of views to 0 where the matched surface was filled instead of measured, which its score of 0 marks, and
@@ -112,6 +116,14 @@ impl Dsm {
             }
         }
     }
+}
+
+/// See [`Confidence::height_of_pixel_m`]; 0 for fewer than two views.
+fn height_of_pixel_m(views: &[Seeing]) -> f64 {
+    let pairs = views.iter().enumerate().flat_map(|(i, a)| views[i + 1..].iter().map(move |b| (a, b)));
+    let of_pair =
+        |(a, b): (&Seeing, &Seeing)| a.camera.gsd_m().max(b.camera.gsd_m()) / a.camera.parallax(&b.camera);
+    pairs.map(of_pair).reduce(f64::min).filter(|least| least.is_finite()).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -9,6 +9,8 @@ use std::path::Path;
 pub(super) const CONFIRMING_VIEWS: f32 = 2.0;
 /// Band of the number of views in the file of the confidence, counted from 1.
 pub const VIEWS_BAND: usize = 3;
+/// Band of the expected error there, counted from 1.
+pub const EXPECTED_ERROR_BAND: usize = 4;
 /// Rows of a file that are read at a time.
 const ROWS_AT_ONCE: usize = 256;
 

@@ -7,6 +7,7 @@
 mod altitude;
 mod confidence;
 mod counts;
+mod expected_error;
 mod heights;
 mod hillshade;
 mod mesh;
@@ -18,7 +19,7 @@ mod writers;
 
 pub use altitude::{altitudes, view_altitudes};
 pub use confidence::{Confidence, Seeing};
-pub use counts::{CellCounts, VIEWS_BAND, is_confirmed};
+pub use counts::{CellCounts, EXPECTED_ERROR_BAND, VIEWS_BAND, is_confirmed};
 pub use heights::{HeightScale, Heights, height_style};
 pub use hillshade::hillshade;
 pub use nadir::nadir_camera;

@@ -65,7 +65,7 @@ pub fn render(
         }
     }
     let views = Grid2::filled(grid.width, grid.height, f32::NAN);
-    let confidence = Confidence { opacity, spread, views };
+    let confidence = Confidence { opacity, spread, views, height_of_pixel_m: 0.0 };
     Dsm { grid, height, colors, confidence, metadata: Vec::new() }
 }
 
@@ -124,7 +124,12 @@ pub(super) mod tests {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
         let raster = |value| Grid2::filled(width, height, value);
-        let confidence = Confidence { opacity: raster(1.0), spread: raster(0.0), views: raster(f32::NAN) };
+        let confidence = Confidence {
+            opacity: raster(1.0),
+            spread: raster(0.0),
+            views: raster(f32::NAN),
+            height_of_pixel_m: 0.0,
+        };
         (
             Dsm {
                 grid,

@@ -33,14 +33,20 @@ impl Dsm {
         self.cog().write_u8(path, bands, Some(0.0))
     }
 
-    /// Writes the confidence as a Cloud-Optimized GeoTIFF of three float32 bands: opacity (0 to 1), standard deviation of the
-    /// altitudes in metres, number of views.
+    /// Writes the confidence as a Cloud-Optimized GeoTIFF of four float32 bands: opacity (0 to 1), standard deviation of the
+    /// altitudes in metres, number of views, expected error in metres ([`Dsm::expected_error`]).
     ///
     /// # Errors
     /// [`WriteError`] if the file cannot be written.
     pub fn write_confidence(&self, path: &Path) -> Result<(), WriteError> {
-        let Confidence { opacity, spread, views } = &self.confidence;
-        let bands = [("opacity", "", opacity), ("altitude spread", "m", spread), ("views", "", views)];
+        let Confidence { opacity, spread, views, .. } = &self.confidence;
+        let expected_error = self.expected_error();
+        let bands = [
+            ("opacity", "", opacity),
+            ("altitude spread", "m", spread),
+            ("views", "", views),
+            ("expected error", "m", &expected_error),
+        ];
         self.cog().write_f32(path, &bands)
     }
 

@@ -1,6 +1,7 @@
 //! A prediction scored against the truth, with every registration.
 
 use super::breakdown::Groups;
+use super::error_ranking::ErrorRanking;
 use super::ground::GroundSteps;
 use super::registration::{Method, Registration, registrations};
 use super::resample::{Sampling, onto_grid};
@@ -61,6 +62,9 @@ pub struct Evaluation {
     pub water_cells: usize,
     /// Scores after each registration, in the order of [`Method::ALL`].
     pub registered_scores: Vec<RegisteredScores>,
+    /// How well the expected errors of the prediction tell its true ones after registration `xyz`; none without expected
+    /// errors.
+    pub expected_errors: Option<ErrorRanking>,
     /// Remarks that matter for the interpretation of the scores.
     pub notes: Vec<String>,
     #[serde(skip)]
@@ -152,6 +156,14 @@ impl Evaluation {
         })
     }
 
+    /// Expected errors compared with those after registration `xyz`.
+    fn ranking(&self, expected: &Grid2) -> Result<Option<ErrorRanking>, MetricsError> {
+        let Some(scores) = self.registered_scores(Method::Xyz) else { return Ok(None) };
+        let registration = scores.registration;
+        let expected = self.registered(expected, &Registration { dz_m: 0.0, ..registration })?;
+        Ok(ErrorRanking::of(&expected, &self.error_map(&registration)?))
+    }
+
     /// Errors of predicted heights after a registration, and the same after holes are filled with the nearest cell.
     fn errors(&self, heights: &Grid2, registration: &Registration) -> Result<(Grid2, Grid2), MetricsError> {
         let mut errors = self.registered(heights, registration)?;
@@ -180,15 +192,23 @@ impl Evaluation {
     }
 }
 
-/// Scores `prediction` against `truth` with every registration. Where `confirmed` tells which cells of the prediction two
-/// views or more confirm, these and the others are scored apart too.
+/// What is known of the heights of a prediction, on its grid.
+pub struct Evidence {
+    /// Whether two views or more confirm a cell.
+    pub confirmed: Vec<bool>,
+    /// Expected errors, metres.
+    pub expected_error: Option<Grid2>,
+}
+
+/// Scores `prediction` against `truth` with every registration. Where there is evidence, the cells that two views or more
+/// confirm and the others are scored apart too.
 ///
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems
 /// cannot be brought together.
 pub fn evaluate(
     mut prediction: HeightRaster,
-    confirmed: Option<&[bool]>,
+    evidence: Option<Evidence>,
     mut truth: Truth,
 ) -> Result<Evaluation, MetricsError> {
     bring_together(&mut prediction, &mut truth)?;
@@ -235,9 +255,10 @@ pub fn evaluate(
         ));
     }
     let groups = Groups::of(&truth, cell_m);
+    let (confirmed, expected_error) = evidence.map(|e| (e.confirmed, e.expected_error)).unzip();
     let confirmed = confirmed.map(|confirmed| {
         let heights = prediction.height.data.iter().zip(confirmed);
-        let data = heights.map(|(z, is_confirmed)| if *is_confirmed { *z } else { f32::NAN }).collect();
+        let data = heights.map(|(z, is_confirmed)| if is_confirmed { *z } else { f32::NAN }).collect();
         Grid2 { data, ..prediction.height }
     });
     let mut evaluation = Evaluation {
@@ -249,6 +270,7 @@ pub fn evaluate(
         land_cells,
         water_cells,
         registered_scores: Vec::new(),
+        expected_errors: None,
         notes,
         predicted: prediction.height,
         confirmed,
@@ -259,6 +281,9 @@ pub fn evaluate(
     };
     let registered_scores = registrations.into_iter().map(|r| evaluation.scores_after(r, &groups, &ground));
     evaluation.registered_scores = registered_scores.collect::<Result<_, _>>()?;
+    if let Some(expected) = expected_error.flatten() {
+        evaluation.expected_errors = evaluation.ranking(&expected)?;
+    }
     Ok(evaluation)
 }
 

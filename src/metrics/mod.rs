@@ -8,6 +8,7 @@
 mod breakdown;
 mod cloud;
 mod error;
+mod error_ranking;
 mod evaluation;
 mod figure;
 mod fill;
@@ -27,7 +28,8 @@ mod xyz;
 
 pub use breakdown::{Division, PartScores};
 pub use error::MetricsError;
-pub use evaluation::{Evaluation, RegisteredScores, evaluate};
+pub use error_ranking::ErrorRanking;
+pub use evaluation::{Evaluation, Evidence, RegisteredScores, evaluate};
 pub use figure::{error_figure, error_picture, error_style};
 pub use fill::filled_by_nearest;
 pub use mesh_scores::{MeshScores, error_mesh, mesh_scores};

@@ -264,4 +264,16 @@ fn the_prior_weight_is_high_only_where_a_textureless_roof_is_interpolated_from_i
 fn views_with_the_same_direction_make_no_pair() {
     let same = [view([0.1, 0.0], texture), view([0.1, 0.0], texture)];
     assert!(PlaneSweep::new(&setup(), &same, &sparse()).is_none());
+    assert_eq!(angle_warning(&same), None);
+}
+
+#[test]
+fn views_of_a_poor_angle_are_matched_with_a_warning_if_there_are_no_better_ones() {
+    for lean in [0.06, 1.2] {
+        let poor = [view([0.0, 0.0], texture), view([lean, 0.0], texture)];
+        assert!(PlaneSweep::new(&setup(), &poor, &sparse()).is_some(), "{lean}");
+        assert!(angle_warning(&poor).is_some(), "{lean}");
+    }
+    let good = [view([0.0, 0.0], texture), view([0.3, 0.0], texture), view([1.2, 0.0], texture)];
+    assert_eq!(angle_warning(&good), None);
 }

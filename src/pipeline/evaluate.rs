@@ -1,10 +1,10 @@
 //! Scores of a surface model against a reference: `satgs dsm-eval`.
 
 use super::PipelineError;
-use crate::dsm::{VIEWS_BAND, is_confirmed};
+use crate::dsm::{EXPECTED_ERROR_BAND, VIEWS_BAND, is_confirmed};
 use crate::io::{Cog, ImageFile, VerticalReference, check_writable, write_file};
 use crate::metrics::{
-    self, Evaluation, HeightRaster, Method, Truth, TruthOptions, error_figure, error_style,
+    self, Evaluation, Evidence, HeightRaster, Method, Truth, TruthOptions, error_figure, error_style,
 };
 use crate::progress::{Event, Progress};
 use crate::report::{FIGURES, figures};
@@ -72,8 +72,8 @@ pub fn evaluate(
         check_writable(&folder.join(METRICS))?;
     }
     progress.check()?;
-    let confirmed = confirmed_cells(&prediction, options.confidence.as_deref())?;
-    let evaluation = metrics::evaluate(prediction, confirmed.as_deref(), truth)?;
+    let evidence = evidence(&prediction, options.confidence.as_deref())?;
+    let evaluation = metrics::evaluate(prediction, evidence, truth)?;
     for note in &evaluation.notes {
         progress.event(Event::Note(note.clone()));
     }
@@ -83,25 +83,25 @@ pub fn evaluate(
     Ok(evaluation)
 }
 
-/// Which cells of a surface model two views or more confirm, by its confidence; none without one, or if its views are not
-/// counted. A file that was not asked for is passed over unless it is a confidence of the same cells.
-fn confirmed_cells(
-    prediction: &HeightRaster,
-    asked: Option<&Path>,
-) -> Result<Option<Vec<bool>>, PipelineError> {
+/// What the confidence of a surface model says of its cells; none without one, or if its views are not counted. A file that
+/// was not asked for is passed over unless it is a confidence of the same cells.
+fn evidence(prediction: &HeightRaster, asked: Option<&Path>) -> Result<Option<Evidence>, PipelineError> {
     let beside = prediction.path.with_file_name(CONFIDENCE);
     if asked.is_none() && !beside.exists() {
         return Ok(None);
     }
     let path = asked.unwrap_or(&beside);
-    let views = ImageFile::open(path).and_then(|file| {
+    let bands = ImageFile::open(path).and_then(|file| {
         let is_same = file.map_grid()?.is_same(&prediction.grid, SAME_GRID);
-        (is_same && file.bands() >= VIEWS_BAND).then(|| file.read(VIEWS_BAND)).transpose()
+        let band = |band| (is_same && file.bands() >= band).then(|| file.read(band)).transpose();
+        Ok(band(VIEWS_BAND)?.map(|views| (views, band(EXPECTED_ERROR_BAND))))
     });
-    match (views, asked) {
-        (Ok(Some(views)), _) => {
+    match (bands, asked) {
+        (Ok(Some((views, expected_error))), _) => {
             let are_counted = views.valid().next().is_some();
-            Ok(are_counted.then(|| views.data.iter().map(|views| is_confirmed(*views)).collect()))
+            let confirmed = views.data.iter().map(|views| is_confirmed(*views)).collect();
+            let expected_error = expected_error?;
+            Ok(are_counted.then_some(Evidence { confirmed, expected_error }))
         }
         (Err(source), Some(_)) => Err(source.into()),
         (Ok(None), Some(_)) => {

@@ -8,7 +8,7 @@ use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
 use crate::io::write_json;
-use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
+use crate::mvs::{MatchError, MatchedSurface, PlaneSweep, angle_warning};
 use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
@@ -74,6 +74,9 @@ impl<'a> Training<'a> {
             let (origin_m, (low, high)) = (self.setup.site.origin.z(), self.setup.searched);
             let heights = SearchedHeights { low_m: origin_m + low, high_m: origin_m + high, ..self.heights };
             progress.event(Event::Note(format!("heights searched: {heights}")));
+            if let Some(warning) = angle_warning(views) {
+                progress.event(Event::Warning(warning));
+            }
             sweep.run(progress)?.write(&self.run.join(FIRST_SURFACE))?;
         }
         Ok(())

@@ -15,7 +15,7 @@ mod sections;
 pub use figures::{FIGURES, figures};
 pub use pictures::{map_of_page, shaded};
 pub use result::result;
-pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
+pub use score_table::{SCORE_NOTE, ScoreTable, expected_error_text, score_tables};
 pub use sections::{adjustment, commands, scores, surface, table};
 
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};

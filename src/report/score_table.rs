@@ -65,6 +65,23 @@ pub const SCORE_NOTE: &str = "σ: standard deviation, – where the heights do n
      predicted cells, whose heights are those of cells around them; no holes: MAE with holes filled by the nearest cell; median: \
      of |error|; <: % of cells; complete: predicted cells / cells of land; parts of the land: after xyz";
 
+/// A sentence about the expected errors of a prediction; none if it has none. `evaluation` is the content of `metrics.json`.
+#[must_use]
+pub fn expected_error_text(evaluation: &Value) -> Option<String> {
+    let ranking = &evaluation["expected_errors"];
+    let correlation = ranking["rank_correlation"].as_f64()?;
+    let mean_m = ranking["expected_mae_m"].as_f64()?;
+    let large = ranking["large_in_least_sure_fifth"].as_f64().map_or_else(String::new, |share| {
+        format!(
+            "; the fifth of the cells with the largest ones has {:.0} % of the errors above 2 m",
+            100.0 * share
+        )
+    });
+    Some(format!(
+        "expected errors: mean {mean_m:.3} m, rank correlation with the errors after xyz {correlation:.2}{large}"
+    ))
+}
+
 fn score_row(name: String, scores: &Value) -> Vec<String> {
     let metres = ["mae_m", "filled_mae_m", "rmse_m", "bias_m", "median_m", "nmad_m", "le90_m", "le95_m"];
     let share = |i: usize| scores["within"][i].as_f64().map_or(Value::Null, |s| (100.0 * s).into());

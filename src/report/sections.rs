@@ -2,7 +2,7 @@
 
 use super::figures::FIGURES;
 use super::pictures::{img, map_of_page, rgb_of, shaded};
-use super::{ReportError, SCORE_NOTE, ScoreTable, map, score_tables};
+use super::{ReportError, SCORE_NOTE, ScoreTable, expected_error_text, map, score_tables};
 use crate::bundle::{ADJUSTMENT_FIGURES, Report};
 use crate::dsm::{CellCounts, VIEWS_BAND};
 use crate::io::{Chart, Grid2, MapGrid, ReadError, escape_xml, read_json};
@@ -210,7 +210,9 @@ pub fn scores(run: &Path) -> Result<String, ReportError> {
     for ScoreTable { name, head, rows } in score_tables(&scores) {
         out.push_str(&table(name, head, rows.into_iter()));
     }
-    let _ = writeln!(out, "<p class=\"note\">{}.</p>", escape_xml(SCORE_NOTE));
+    for text in [expected_error_text(&scores), Some(SCORE_NOTE.into())].into_iter().flatten() {
+        let _ = writeln!(out, "<p class=\"note\">{}.</p>", escape_xml(&text));
+    }
     for note in scores["notes"].as_array().into_iter().flatten().filter_map(Value::as_str) {
         let _ = writeln!(out, "<p class=\"note\">{}</p>", escape_xml(note));
     }

@@ -198,7 +198,8 @@ impl DensifyEdit {
     /// Plans a densification. `half_side_m` is the half side in metres of the cube that the rule's lengths refer to; `draw`
     /// is (seed, iteration) of the random positions.
     ///
-    /// Small splats are duplicated; large ones are replaced by two parts.
+    /// Small splats are duplicated; large ones are replaced by two parts. Where the rule limits the number of splats, those of
+    /// the largest mean gradients come first.
     #[must_use]
     pub fn plan(
         splats: &Splats,
@@ -208,20 +209,26 @@ impl DensifyEdit {
         draw: (u64, u64),
     ) -> Self {
         let n = splats.len();
+        let is_densified = |i: &usize| {
+            let scale = f64::from(largest_scale(splats, *i));
+            let radius = RADIUS_SIGMAS * scale * statistics.magnification;
+            f64::from(statistics.mean_gradient(*i)) > rule.gradient
+                || rule.max_scale.is_some_and(|most| scale > most * half_side_m)
+                || rule.max_radius.is_some_and(|most| radius > most)
+        };
+        let mut asked: Vec<usize> = (0..n).filter(is_densified).collect();
+        // Each adds one splat.
+        let room = (rule.max_splats as usize).saturating_sub(n);
+        if asked.len() > room {
+            let gradient = |i: usize| statistics.mean_gradient(i);
+            // The sort is stable: equal ones keep the order of their indices.
+            asked.sort_by(|a, b| gradient(*b).total_cmp(&gradient(*a)));
+            asked.truncate(room);
+            asked.sort_unstable();
+        }
         let mut selection = Selection::new(n, draw);
-        for i in 0..n {
-            if n + selection.copies.len() >= rule.max_splats as usize {
-                break;
-            }
-            let scale = largest_scale(splats, i);
-            let mean = statistics.mean_gradient(i);
-            let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
-            let is_densified = f64::from(mean) > rule.gradient
-                || rule.max_scale.is_some_and(|most| f64::from(scale) > most * half_side_m)
-                || rule.max_radius.is_some_and(|most| radius > most);
-            if is_densified {
-                selection.duplicate_or_split(splats, i, rule.copy_below * half_side_m);
-            }
+        for i in asked {
+            selection.duplicate_or_split(splats, i, rule.copy_below * half_side_m);
         }
         selection.finish()
     }
@@ -286,6 +293,19 @@ mod tests {
         assert!(state.splats.position[3] != state.splats.position[4]);
         assert_eq!(state.prune(recipe.prune_below, f64::INFINITY, (-50.0, 50.0)), 1);
         assert_eq!(state.splats.len(), 4);
+    }
+
+    #[test]
+    fn where_the_number_of_splats_is_limited_the_largest_gradients_grow() {
+        let rule = Recipe::named("baeogs").unwrap().densification.unwrap();
+        let rule = Densification { max_splats: 4, ..rule };
+        let mut state = state();
+        let gradients = [0.01, 0.03, 0.02];
+        state.statistics.add_view(|i| Some([gradients[i], 0.0]), 0.0, 1.0);
+        // The second, which is large, is split in two.
+        assert_eq!(state.densify(&rule, 226.0, (0, 100)), 1);
+        assert_eq!(state.splats.len(), 4);
+        assert!(state.splats.log_scale.iter().all(|scale| scale[0].exp() < 3.0));
     }
 
     #[test]

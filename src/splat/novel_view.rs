@@ -127,7 +127,7 @@ impl NovelView {
             crop: None,
             virtual_view: None,
             background: [0.0; 3],
-            floor: 0.0,
+            floor: altitudes.0 as f32,
             anchored: &[],
         };
         let mut objective = Objective::new(splats.primitive(), model, Vec::new());
@@ -136,7 +136,7 @@ impl NovelView {
         let (mut altitude, transmittance) =
             (view.plane(channel::ALTITUDE), view.plane(channel::TRANSMITTANCE));
         for (z, t) in altitude.data.iter_mut().zip(&transmittance.data) {
-            *z = if *t > 0.5 { f32::NAN } else { *z / (1.0 - t) };
+            *z = if *t > 0.5 { f32::NAN } else { (*z - *t * input.floor) / (1.0 - t) };
         }
         let sunlight = objective.sunlight().plane(0);
         Picture { colors: std::array::from_fn(|c| picture.plane(c)), altitude, sunlight }

@@ -105,6 +105,7 @@ fn core(run: &Path, id: &str) -> Bands {
         of(&confidence, 1),
         of(&confidence, 2),
         of(&confidence, 3),
+        of(&confidence, 4),
     ]
 }
 
@@ -157,7 +158,7 @@ fn single_rows_columns_and_tiles_are_blended() {
 fn roofs_that_differ_by_a_cell_get_no_half_height_rims() {
     let at = |tile: usize, _: usize, col: i64, _: i64| {
         let roof = (20..30).contains(&(col + tile as i64));
-        [if roof { 18.0 } else { 10.0 }, 100.0, 100.0, 100.0, 1.0, 0.1, 3.0]
+        [if roof { 18.0 } else { 10.0 }, 100.0, 100.0, 100.0, 1.0, 0.1, 3.0, 0.2]
     };
     let made = Made { columns: &[24, 24], rows: &[24], at: &at };
     let folder = tempfile::tempdir().unwrap();
@@ -172,7 +173,7 @@ fn roofs_that_differ_by_a_cell_get_no_half_height_rims() {
 #[test]
 fn a_constant_step_is_measured_and_spread_over_the_strip() {
     let at = |tile: usize, _: usize, _: i64, _: i64| {
-        [10.0 + 0.4 * tile as f32, 100.0, 100.0, 100.0, 1.0, 0.1, 3.0]
+        [10.0 + 0.4 * tile as f32, 100.0, 100.0, 100.0, 1.0, 0.1, 3.0, 0.2]
     };
     let made = Made { columns: &[24, 24], rows: &[24], at: &at };
     let folder = tempfile::tempdir().unwrap();

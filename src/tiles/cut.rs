@@ -16,8 +16,9 @@ const TRANSITION_CELLS: f32 = 2.0;
 /// Smallest weight of a cell of which both tiles have a height, so that a transparent cell is no missing one.
 const LEAST_CONFIDENCE: f32 = 0.01;
 
-/// Number of bands that are blended: height, red, green, blue, opacity, spread of altitudes, number of views.
-pub(super) const BANDS: usize = 7;
+/// Number of bands that are blended: height, red, green, blue, opacity, spread of altitudes, number of views,
+/// expected error.
+pub(super) const BANDS: usize = 8;
 const HEIGHT: usize = 0;
 const OPACITY: usize = 4;
 
@@ -147,7 +148,7 @@ mod tests {
 
     #[test]
     fn a_cell_of_two_surfaces_is_never_between_them() {
-        let cell = |height: f32| [height, 0.5, 0.5, 0.5, 1.0, 0.1, 4.0];
+        let cell = |height: f32| [height, 0.5, 0.5, 0.5, 1.0, 0.1, 4.0, 0.2];
         for (k, expected) in [(0, 30.0), (19, 22.0)] {
             assert_eq!(
                 mixed(&cell(30.0), &cell(22.0), linear_share(k, 20), owned_share(k, 10)).0[0],
@@ -160,7 +161,7 @@ mod tests {
 
     #[test]
     fn a_missing_cell_takes_the_other_tile_and_an_opaque_one_outweighs_a_transparent_one() {
-        let cell = |height: f32, opacity: f32| [height, 0.5, 0.5, 0.5, opacity, 0.1, 4.0];
+        let cell = |height: f32, opacity: f32| [height, 0.5, 0.5, 0.5, opacity, 0.1, 4.0, 0.2];
         let none = [f32::NAN; BANDS];
         assert_eq!(mixed(&none, &cell(5.0, 0.9), 0.1, 0.0), (cell(5.0, 0.9), 1.0));
         assert_eq!(mixed(&cell(5.0, 0.9), &none, 0.9, 1.0), (cell(5.0, 0.9), 0.0));

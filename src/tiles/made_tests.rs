@@ -98,8 +98,12 @@ impl Made<'_> {
         heights.write_f32(&folder.join(DSM), &[("height", "m", &bands[0])]).unwrap();
         let byte = |g: &Grid2| g.data.iter().map(|v| if v.is_nan() { 0 } else { *v as u8 }).collect();
         cog.write_u8(&folder.join(ORTHO), bands[1..4].iter().map(byte).collect(), Some(0.0)).unwrap();
-        let names =
-            [("opacity", "", &bands[4]), ("altitude spread", "m", &bands[5]), ("views", "", &bands[6])];
+        let names = [
+            ("opacity", "", &bands[4]),
+            ("altitude spread", "m", &bands[5]),
+            ("views", "", &bands[6]),
+            ("expected error", "m", &bands[7]),
+        ];
         cog.write_f32(&folder.join(CONFIDENCE), &names).unwrap();
         let files = seal(&folder, &[DSM, ORTHO, CONFIDENCE].map(str::to_owned)).unwrap();
         let input_hash = plan.tile(&id).unwrap().input_hash.clone();
@@ -143,6 +147,6 @@ pub(super) fn town(seed: u64) -> impl Fn(usize, usize, i64, i64) -> [f32; BANDS]
             return [f32::NAN; BANDS];
         }
         let gray = (if roof { 180.0 } else { 90.0 } + 10.0 * n(2) + 5.0 * tc as f32).round();
-        [height, gray, gray - 20.0, gray + 20.0, 0.5 + 0.5 * n(3), 0.3, 4.0 + tc as f32]
+        [height, gray, gray - 20.0, gray + 20.0, 0.5 + 0.5 * n(3), 0.3, 4.0 + tc as f32, 0.2]
     }
 }

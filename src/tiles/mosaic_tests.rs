@@ -18,7 +18,7 @@ fn gain(col: usize, row: usize) -> f32 {
 fn tinted(col: usize, row: usize, c: i64, r: i64) -> [f32; BANDS] {
     let truth = 60.0 + 100.0 * noise(1, [c / 3, r / 3, 0, 0]);
     let seen = |band: f32| (truth * gain(col, row) + band).round().clamp(1.0, 255.0);
-    [10.0 + 0.01 * c as f32, seen(0.0), seen(10.0), seen(20.0), 0.9, 0.1, 5.0]
+    [10.0 + 0.01 * c as f32, seen(0.0), seen(10.0), seen(20.0), 0.9, 0.1, 5.0, 0.2]
 }
 
 fn made(run: &Path) -> super::Mosaicked {

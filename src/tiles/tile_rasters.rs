@@ -23,7 +23,7 @@ pub(super) struct TileRasters {
 /// Blended bands over a box of cells.
 pub(super) struct Patch {
     pub(super) cells: Cells,
-    /// Height, red, green, blue, opacity, spread, views: NaN where there is none.
+    /// Height, red, green, blue, opacity, spread, views, expected error: NaN where there is none.
     pub(super) bands: [Grid2; BANDS],
     /// The weight of the tile of the neighbouring column, from 0 to 1.
     pub(super) share: Grid2,
@@ -60,8 +60,12 @@ impl TileRasters {
     pub(super) fn read(&self, band: usize, cells: Cells) -> Result<Grid2, TilesError> {
         let mut out = Grid2::filled(cells.width(), cells.height(), f32::NAN);
         let Some(common) = cells.common(self.cells) else { return Ok(out) };
-        // The surface model has one band, the others have three.
-        let (file, index) = if band == 0 { (0, 1) } else { (1 + (band - 1) / 3, 1 + (band - 1) % 3) };
+        // The surface model has one band, the orthophoto three, the confidence the others.
+        let (file, index) = match band {
+            0 => (0, 1),
+            1..4 => (1, band),
+            _ => (2, band - 3),
+        };
         let read = self.files[file].read_window(index, common.window_in(self.cells))?;
         let to = common.window_in(cells);
         for row in 0..to.height {

@@ -54,3 +54,48 @@ fn what_cannot_be_simulated_is_named() {
     with(&["--mountains", "--view", "60,11", "--view", "1,1"], &["0 to 45 degrees"]);
     with(&["--mountains", "--bits", "12"], &["8 or 16"]);
 }
+
+/// The error of the confirmed cells of a simulated mountain that two views see from these directions, metres, and what the
+/// run says.
+fn mountain_seen_from(views: [&str; 2]) -> (f64, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (scene, run) = (path("scene"), path("run"));
+    let [a, b] = [format!("{},2024-08-20T10:30", views[0]), format!("{},2024-08-20T10:31", views[1])];
+    succeeds(&[
+        "simulate",
+        &scene,
+        "--mountains",
+        "--seed",
+        "5",
+        "--size",
+        "260",
+        "--view",
+        &a,
+        "--view",
+        &b,
+    ]);
+    let truth = std::fs::read_dir(Path::new(&scene).join("truth")).unwrap().map(|f| f.unwrap().path());
+    let truth = truth.into_iter().find(|f| f.to_str().unwrap().ends_with("_DSM.tif")).unwrap();
+    let done = succeeds(&["run", &scene, "-o", &run, "--no-splats", "--truth", truth.to_str().unwrap()]);
+    let scores = std::fs::read(Path::new(&run).join("eval/metrics.json")).unwrap();
+    let scores: Value = serde_json::from_slice(&scores).unwrap();
+    let xyz = &scores["registered_scores"][2];
+    (xyz["confirmed"]["mae_m"].as_f64().unwrap(), String::from_utf8(done.stderr).unwrap())
+}
+
+#[test]
+fn a_pair_of_a_vertical_and_a_very_oblique_view_gives_a_surface() {
+    let (mae_m, said) = mountain_seen_from(["0,11", "35,191"]);
+    assert!(mae_m < 0.5, "{mae_m}");
+    assert!(!said.contains("differ by"), "{said}");
+}
+
+#[test]
+fn a_pair_of_a_very_small_or_large_angle_gives_a_surface_and_a_warning() {
+    for (views, at_most_m) in [(["2,11", "2,191"], 1.0), (["30,11", "30,191"], 0.5)] {
+        let (mae_m, said) = mountain_seen_from(views);
+        assert!(mae_m < at_most_m, "{views:?}: {mae_m}");
+        assert!(said.contains("heights are more exact"), "{said}");
+    }
+}

@@ -1,6 +1,6 @@
 //! How many steps the matched surface has around each cell: many in towns and on cliffs, few on terrain.
 
-use crate::io::Grid2;
+use crate::io::{Grid2, box_sums};
 use rayon::prelude::*;
 
 /// Distance at which altitudes are compared, metres, and their smallest difference that is a step: a slope of 63°.
@@ -32,38 +32,9 @@ pub(super) fn share_of_steps(altitude: &Grid2, cell_m: f64, discontinuity_m: f32
     share
 }
 
-/// Sums over the squares of `radius` cells around every cell, as far as they lie in the grid.
-fn box_sums(values: &Grid2, radius: usize) -> Grid2 {
-    let along_rows = |grid: &Grid2| {
-        Grid2::from_rows(grid.width, grid.height, |row, line| {
-            let values = grid.row(row);
-            let mut sum: f32 = values.iter().take(radius).sum();
-            for (col, out) in line.iter_mut().enumerate() {
-                sum += values.get(col + radius).unwrap_or(&0.0);
-                *out = sum;
-                sum -= col.checked_sub(radius).map_or(0.0, |first| values[first]);
-            }
-        })
-    };
-    let transposed = |grid: &Grid2| Grid2::from_fn(grid.height, grid.width, |col, row| grid.at(row, col));
-    transposed(&along_rows(&transposed(&along_rows(values))))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn sums_are_those_of_the_squares_around_the_cells() {
-        let values = Grid2::from_fn(7, 5, |col, row| (col + 10 * row) as f32);
-        let sums = box_sums(&values, 2);
-        for (col, row) in [(0, 0), (3, 2), (6, 4), (1, 3)] {
-            let cells = (0..7).flat_map(|c| (0..5).map(move |r| (c, r)));
-            let near = cells.filter(|(c, r): &(usize, usize)| c.abs_diff(col) <= 2 && r.abs_diff(row) <= 2);
-            let expected: f32 = near.map(|(c, r)| values.at(c, r)).sum();
-            assert_eq!(sums.at(col, row), expected, "{col} {row}");
-        }
-    }
 
     #[test]
     fn a_town_has_steps_and_a_steep_slope_has_none() {
