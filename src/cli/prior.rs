@@ -1,12 +1,13 @@
 //! `satgs prior`: maps of depths or normals of all images of a perspective scene.
 
+use super::perspective_args::ImageArgs;
 use super::train::PriorKind;
 use super::{CliError, Ui};
 use crate::pipeline::{PriorMapOptions, PriorMapSummary, prior_maps};
 use crate::prior::{DepthKind, PriorCommand, PriorContent, PriorMaker};
 use std::path::PathBuf;
 
-/// Make maps of depths or normals of all images of a perspective scene, by a network or a command
+/// Make maps of depths or normals of the images of a perspective scene, by a network, a command or matching
 ///
 /// Training takes the folder as `--depth-prior DIR` or `--normal-prior DIR`. It holds NAME.npy for
 /// each image, prior.json, and made_from.json, by which the same call keeps the maps that are there:
@@ -21,6 +22,11 @@ use std::path::PathBuf;
 /// the file to write, NAME.npy; {out}.png and {out}.tif are pictures. It is split into words as a
 /// shell does, but no shell runs it: pipes need `sh -c 'depth "$0" > "$1"' {image} {out}`.
 ///
+/// --stereo matches the images with each other at their poses, and needs no network: depths in the
+/// unit of the scene, with holes where views do not agree. Training does so by itself where it needs
+/// depths and has no others. Views that are held back (--test-views) are neither used nor get a map.
+///
+///   satgs prior kitchen -o depths --stereo
 ///   satgs prior kitchen -o depths --model depth_anything_v2_vits.onnx --kind disparity
 ///   satgs prior kitchen -o depths --command 'python3 depth.py {image} {out}'
 ///   satgs prior kitchen -o normals --normals --command 'python3 normals.py {image} {out}.png'
@@ -35,6 +41,8 @@ pub struct Args {
     output: PathBuf,
     #[command(flatten)]
     maker: Maker,
+    #[command(flatten)]
+    images: ImageArgs,
     /// The maps are of normals, in camera axes (right, down, forward) with any signs [default: of depths]
     #[arg(long)]
     normals: bool,
@@ -56,15 +64,21 @@ struct Maker {
     /// Command that writes the map {out} of the image {image}
     #[arg(long, value_name = "CMD", value_parser = PriorCommand::parse)]
     command: Option<PriorCommand>,
+    /// Match the images with each other at their poses: depths in the unit of the scene
+    #[arg(long)]
+    stereo: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let of_model = args.maker.model.clone().map(PriorMaker::Network);
-    let Some(maker) = of_model.or_else(|| args.maker.command.clone().map(PriorMaker::Command)) else {
+    let Maker { model, command, stereo } = &args.maker;
+    let of_model = model.clone().map(PriorMaker::Network);
+    let of_command = command.clone().map(PriorMaker::Command);
+    let Some(maker) = of_model.or(of_command).or(stereo.then_some(PriorMaker::Stereo)) else {
         return Ok(());
     };
     let options = PriorMapOptions {
+        scene: args.images.options(),
         content: if args.normals { PriorContent::Normals } else { PriorContent::Depths },
         kind: args.kind.map(DepthKind::from),
         overwrite: args.overwrite,

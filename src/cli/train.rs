@@ -53,6 +53,8 @@ impl From<Primitive> for PrimitiveKind {
 pub enum PriorKind {
     /// Depths in the unit of the scene
     Metric,
+    /// Depths in the unit of the scene, as exact as those of a sensor: they are taken as they are
+    Measured,
     /// Depths up to a scale and a shift, larger where the scene is farther
     Relative,
     /// Inverse depths up to a scale and a shift, larger where the scene is nearer
@@ -63,6 +65,7 @@ impl From<PriorKind> for DepthKind {
     fn from(kind: PriorKind) -> Self {
         match kind {
             PriorKind::Metric => Self::Metric,
+            PriorKind::Measured => Self::Measured,
             PriorKind::Relative => Self::Relative,
             PriorKind::Disparity => Self::Disparity,
         }
@@ -169,12 +172,13 @@ pub struct Options {
     /// A safetensors file made by scripts/fetch-weights [default: train without].
     #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     lpips: Option<PathBuf>,
-    /// Depths of the images, for recipes indoor and geoprop: a folder, an ONNX network or a command
+    /// Depths of the images, for recipes indoor and geoprop: a folder, an ONNX network, a command, or `stereo`
     ///
     /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network is such as Depth Anything V2. A command writes the map {out}
-    /// of the image {image}, as 'python3 depth.py {image} {out}'. Maps that are made are kept in RUN/priors; `satgs prior` makes them once
-    /// for several runs [default: the depth maps of RGB-D frames, else train without].
-    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
+    /// of the image {image}, as 'python3 depth.py {image} {out}'. `stereo` matches the images with each other. Maps that are made are kept
+    /// in RUN/priors; `satgs prior` makes them once for several runs [default: the depth maps of RGB-D frames; else stereo, of recipe
+    /// geoprop none].
+    #[arg(long, value_name = "DIR|FILE.onnx|CMD|stereo", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     depth_prior: Option<PriorSource>,
     /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
     #[arg(

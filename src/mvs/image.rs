@@ -1,39 +1,93 @@
 //! A view as it is matched: its gray values and its camera.
 
 use crate::affine::{TrainingView, ViewCamera};
-use crate::frame::{Pixel, Point, Site};
+use crate::frame::{CenterPx, Pixel, Point, Site};
 use crate::io::{Grid2, ValidPixels, Window};
+use crate::perspective::PinholeCamera;
 use std::sync::Arc;
 
+/// A camera that knows the pixels of its image.
+pub(super) trait PixelCamera: Copy + Sync {
+    /// The camera of a window of the image.
+    fn cropped(&self, part: Window) -> Self;
+
+    /// The camera of the image whose pixels are squares of `factor` pixels a side.
+    fn reduced(&self, factor: usize) -> Self;
+}
+
+/// A camera whose maps hold a value for each pixel that says where the surface lies on its ray.
+pub(super) trait RayCamera: PixelCamera {
+    /// Where another camera sees the point at a value on the ray of a pixel, and the value there; none if it lies behind it.
+    fn seen_by(&self, px: Pixel<CenterPx>, value: f64, other: &Self) -> Option<(Pixel<CenterPx>, f64)>;
+}
+
+impl PixelCamera for ViewCamera {
+    fn cropped(&self, part: Window) -> Self {
+        Self::cropped(self, part.col as f64, part.row as f64)
+    }
+
+    fn reduced(&self, factor: usize) -> Self {
+        self.rescaled((factor as f64).recip())
+    }
+}
+
+/// Values are altitudes, site metres.
+impl RayCamera for ViewCamera {
+    fn seen_by(&self, px: Pixel<CenterPx>, value: f64, other: &Self) -> Option<(Pixel<CenterPx>, f64)> {
+        let [x, y] = self.localize(px, value);
+        Some((other.project(Point::new(x, y, value)), value))
+    }
+}
+
+impl PixelCamera for PinholeCamera {
+    fn cropped(&self, part: Window) -> Self {
+        Self::cropped(self, (part.col, part.row), (part.width, part.height))
+    }
+
+    fn reduced(&self, factor: usize) -> Self {
+        Self::reduced(self, factor)
+    }
+}
+
+/// Values are inverse depths along the optical axis.
+impl RayCamera for PinholeCamera {
+    fn seen_by(&self, px: Pixel<CenterPx>, value: f64, other: &Self) -> Option<(Pixel<CenterPx>, f64)> {
+        let [x, y, z] = self.at_depth(px, value.recip());
+        let p = Point::new(x, y, z);
+        Some((other.project(p)?, other.depth(p).recip()))
+    }
+}
+
 /// The gray values of a view, with its camera.
-pub(super) struct MatchImage {
-    /// Square root of linear radiance ([`TrainingView::sqrt_gray`]); NaN where the image has no valid pixel.
+#[derive(Clone, Debug)]
+pub(super) struct MatchImage<C = ViewCamera> {
+    /// Square root of linear radiance ([`TrainingView::sqrt_gray`]), of photographs the values as displayed; NaN where the image has
+    /// no valid pixel.
     pub gray: Grid2,
     /// Mask of the valid pixels; none if all pixels are valid, or if the NaN in `gray` say which are.
     valid: Option<Arc<ValidPixels>>,
-    pub camera: ViewCamera,
+    pub camera: C,
     /// Mean of the gray values of the whole image.
     pub mean: f64,
     /// Standard deviation of the gray values of the whole image.
     pub std_dev: f64,
 }
 
-impl MatchImage {
-    pub fn new(view: &TrainingView) -> Self {
-        let gray = view.sqrt_gray();
+impl<C: PixelCamera> MatchImage<C> {
+    /// An image whose gray values are NaN where it has no valid pixel.
+    pub fn of_gray(gray: Grid2, camera: C) -> Self {
         let mean_of = |values: &mut dyn Iterator<Item = f64>| {
             let (sum, n) = values.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
             sum / f64::max(n, 1.0)
         };
         let mean = mean_of(&mut gray.valid().map(f64::from));
         let variance = mean_of(&mut gray.valid().map(|v| (f64::from(v) - mean).powi(2)));
-        let valid = view.valid_pixels().cloned();
-        Self { camera: view.camera, mean, std_dev: variance.sqrt(), gray, valid }
+        Self { camera, mean, std_dev: variance.sqrt(), gray, valid: None }
     }
 
     /// A window of the image with its camera. Mean and standard deviation remain those of the whole image.
     pub fn cropped(&self, part: Window) -> Self {
-        let camera = self.camera.cropped(part.col as f64, part.row as f64);
+        let camera = self.camera.cropped(part);
         Self { gray: self.gray.window(part), valid: None, camera, ..*self }
     }
 
@@ -53,7 +107,14 @@ impl MatchImage {
                 *out = if 2 * n > factor * factor { sum / n as f32 } else { f32::NAN };
             }
         });
-        Self { camera: self.camera.rescaled((factor as f64).recip()), gray, valid: None, ..*self }
+        Self { camera: self.camera.reduced(factor), gray, valid: None, ..*self }
+    }
+}
+
+impl MatchImage {
+    pub fn new(view: &TrainingView) -> Self {
+        let valid = view.valid_pixels().cloned();
+        Self { valid, ..Self::of_gray(view.sqrt_gray(), view.camera) }
     }
 
     /// What a pixel shows that lies at an altitude, site metres.

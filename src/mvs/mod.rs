@@ -12,12 +12,16 @@
 //!   to leave out views from which a cell is occluded (`visibility`).
 //! - With few views, stereo matching in the images (`stereo`).
 //!
+//! [`match_photographs`] gives depth maps of photographs by the same means.
+//!
 //! After training, [`PlaneSweep::refine`] matches again with the altitudes of the trained splats as a prior.
 //!
 //! Altitudes are metres above the origin of the site. Gray values are square roots of linear radiance.
 
+mod block_ranges;
 mod candidates;
 mod coarse;
+mod consistency;
 mod correlation;
 mod coverage;
 mod ground;
@@ -29,8 +33,12 @@ mod pairs;
 mod plane_ranges;
 mod plane_sweep;
 mod planes;
+mod photographs;
 mod postfilter;
 mod preparation;
+mod ray_costs;
+mod ray_map;
+mod reference_view;
 mod semiglobal;
 mod stereo;
 mod surface;
@@ -39,6 +47,7 @@ mod visibility;
 pub use ground::{Ground, ground_plane};
 pub use occlusion::{OCCLUSION_TOLERANCE_M, occlusion_height};
 pub use pairs::{MatchError, angle_warning};
+pub use photographs::{MatchedDepth, MatchedPoint, Photograph, match_photographs, matched_points};
 pub use plane_sweep::{DSM_CELL_M, MAX_VOLUME, PlaneSweep, cell_m};
 pub use stereo::FEW_VIEWS;
 pub use surface::MatchedSurface;

@@ -43,6 +43,24 @@ impl PinholeCamera {
         (self.center + self.cam_from_site.transpose() * (depth * image.extend(1.0))).to_array()
     }
 
+    /// Depth of a site point along the optical axis, metres; negative behind the camera.
+    #[must_use]
+    pub fn depth(&self, p: Point<Site>) -> f64 {
+        (self.cam_from_site * (DVec3::from_array(p.xyz()) - self.center)).z
+    }
+
+    /// The camera of the image whose pixels are squares of `factor` pixels a side; pixels that do not fill a square are left out.
+    #[must_use]
+    pub fn reduced(&self, factor: usize) -> Self {
+        let n = factor.max(1);
+        Self {
+            focal: self.focal / n as f64,
+            principal: (self.principal + 0.5) / n as f64 - 0.5,
+            size: (self.size.0 / n, self.size.1 / n),
+            ..*self
+        }
+    }
+
     /// The camera of the part of the image that begins at a column and row and has this size.
     #[must_use]
     pub fn cropped(&self, (left, top): (usize, usize), size: (usize, usize)) -> Self {

@@ -1,4 +1,4 @@
-//! Maps of depths or normals of all images of a perspective scene: `satgs prior`.
+//! Maps of depths or normals of the images of a perspective scene: `satgs prior`.
 
 use super::{PipelineError, RunLock};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene, PerspectiveView};
@@ -6,12 +6,15 @@ use crate::prior::{
     DepthKind, ExistingMaps, MadeMaps, PriorContent, PriorDescription, PriorFolder, PriorMaker, make_maps,
 };
 use crate::progress::{Event, Progress};
+use crate::scene::Role;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// How maps are made.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PriorMapOptions {
+    /// How the scene is read. Matching uses and gives maps of the views only that are not held back.
+    pub scene: PerspectiveOptions,
     /// What the maps are to hold.
     pub content: PriorContent,
     /// What the values of depths are, if that is known: `prior.json` says it to those who read the folder.
@@ -22,7 +25,12 @@ pub struct PriorMapOptions {
 
 impl Default for PriorMapOptions {
     fn default() -> Self {
-        Self { content: PriorContent::Depths, kind: None, overwrite: false }
+        Self {
+            scene: PerspectiveOptions::default(),
+            content: PriorContent::Depths,
+            kind: None,
+            overwrite: false,
+        }
     }
 }
 
@@ -49,14 +57,20 @@ pub fn prior_maps(
     options: &PriorMapOptions,
     progress: &dyn Progress,
 ) -> Result<PriorMapSummary, PipelineError> {
-    let PriorMapOptions { content, kind, overwrite } = *options;
+    let PriorMapOptions { content, kind, overwrite, .. } = *options;
     if content == PriorContent::Normals
         && let Some(kind) = kind
     {
         let (option, found) = ("--kind", kind.to_string());
         return Err(PipelineError::Option { option, found, expected: "none: normals have no kinds" });
     }
-    let scene = PerspectiveScene::read(scene, &PerspectiveOptions::default())?;
+    let is_stereo = *maker == PriorMaker::Stereo;
+    if is_stereo && (content == PriorContent::Normals || kind.is_some()) {
+        let option = if kind.is_some() { "--kind" } else { "--normals" };
+        let expected = "none: --stereo gives depths in the unit of the scene";
+        return Err(PipelineError::Option { option, found: "given with --stereo".into(), expected });
+    }
+    let scene = PerspectiveScene::read(scene, &options.scene)?;
     for (name, reason) in &scene.skipped {
         progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
     }
@@ -65,7 +79,9 @@ pub fn prior_maps(
     let before = PriorFolder::open(folder)?.description().clone();
     let description = PriorDescription { kind: kind.or(before.kind), ..before };
     let existing = if overwrite { ExistingMaps::Replace } else { ExistingMaps::Keep };
-    let views: Vec<&PerspectiveView> = scene.views.iter().collect();
+    // Views that are held back must not help to find what the others show.
+    let is_made = |view: &&PerspectiveView| !is_stereo || view.role == Role::Train;
+    let views: Vec<&PerspectiveView> = scene.views.iter().filter(is_made).collect();
     let maps = make_maps(maker, content, &views, folder, &description, existing, progress)?;
     Ok(PriorMapSummary { output: folder.into(), maps })
 }

@@ -152,8 +152,16 @@ impl TrainOptions {
     /// The recipe for a number of training views: few of them need fewer iterations than it has, unless a number is
     /// asked for.
     pub(crate) fn recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
-        let recipe = self.satellite_recipe()?;
-        Ok(if self.iterations.is_some() { recipe } else { recipe.for_views(views) })
+        Ok(self.for_views(self.satellite_recipe()?, views))
+    }
+
+    /// As [`TrainOptions::recipe_for`], of a perspective scene.
+    pub(crate) fn perspective_recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
+        Ok(self.for_views(self.perspective_recipe()?, views))
+    }
+
+    fn for_views(&self, recipe: Recipe, views: usize) -> Recipe {
+        if self.iterations.is_some() { recipe } else { recipe.for_views(views) }
     }
 
     /// The recipe with its own number of iterations, for the kind of splats that is asked for.

@@ -243,6 +243,10 @@ pub enum PriorError {
         /// What is wrong with it.
         fault: String,
     },
+    /// Matching gives no normals.
+    #[error("matching of images (`stereo`) gives depths, no normals")]
+    #[diagnostic(help("a network, a command or a folder gives normals"))]
+    NoNormals,
     /// A file would be replaced.
     #[error("`{path}` exists, and was not made from the same image by `{maker}`")]
     #[diagnostic(help("--overwrite replaces it, another output keeps both"))]

@@ -3,11 +3,14 @@
 use super::command::PriorCommand;
 use super::error::PriorError;
 use super::folder::{DESCRIPTION, ENDS, PriorDescription, PriorFolder};
-use super::map::PriorContent;
+use super::map::{DepthKind, PriorContent};
 use super::network::PriorNetwork;
 use super::process::LIMIT;
 use super::source::PriorMaker;
-use crate::io::{ReadError, WriteError, read_json, remove_if_there, vsi, write_json};
+use super::stereo::stereo_maps;
+use crate::io::{
+    Grid2, NpyArray, NumberKind, ReadError, WriteError, read_json, remove_if_there, vsi, write_json,
+};
 use crate::perspective::PerspectiveView;
 use crate::progress::{Event, Progress};
 use rayon::prelude::*;
@@ -73,6 +76,8 @@ pub fn make_maps(
 enum Loaded<'a> {
     Network(Box<PriorNetwork>),
     Command(&'a PriorCommand),
+    /// The maps of the views that have none yet, in their order.
+    Maps(std::vec::IntoIter<Grid2>),
 }
 
 /// The folder that maps are made in, and what makes them.
@@ -93,14 +98,17 @@ impl Work<'_> {
         existing: ExistingMaps,
         progress: &dyn Progress,
     ) -> Result<MadeMaps, PriorError> {
+        if *self.maker == PriorMaker::Stereo && self.content == PriorContent::Normals {
+            return Err(PriorError::NoNormals);
+        }
         let path = self.folder.join(RECORD);
         // Without a record, or with a damaged one, no map is known.
         let mut record: Record = read_json(&path).unwrap_or_default();
         let hashes = self.hashes(views)?;
         let is_kept = |view: &PerspectiveView, hash: &String| {
-            existing != ExistingMaps::Replace
-                && record.maps.get(&view.name) == Some(hash)
-                && self.file(view).is_some()
+            // Matching records views of which it finds nothing, too.
+            let is_there = *self.maker == PriorMaker::Stereo || self.file(view).is_some();
+            existing != ExistingMaps::Replace && record.maps.get(&view.name) == Some(hash) && is_there
         };
         let all = views.iter().copied().zip(hashes);
         let (kept, missing): (Vec<_>, Vec<_>) = all.partition(|(view, hash)| is_kept(view, hash));
@@ -109,7 +117,9 @@ impl Work<'_> {
             return Err(PriorError::OtherMap { path, maker: self.maker.to_string() });
         }
         let mut done = MadeMaps { kept: kept.len(), ..MadeMaps::default() };
-        write_json(&self.folder.join(DESCRIPTION), description)?;
+        let is_measured = *self.maker == PriorMaker::Stereo && self.content == PriorContent::Depths;
+        let kind = if is_measured { Some(DepthKind::Measured) } else { description.kind };
+        write_json(&self.folder.join(DESCRIPTION), &PriorDescription { kind, ..description.clone() })?;
         if missing.is_empty() {
             return Ok(done);
         }
@@ -121,23 +131,31 @@ impl Work<'_> {
         // What is made is kept, so that the same call goes on.
         progress.event(Event::Resumable(true));
         progress.event(Event::Started { stage, total: missing.len() as u64 });
-        let result = self.make_missing(&missing, &mut record, &mut done, progress);
+        let result = self.make_missing(views, &missing, &mut record, &mut done, progress);
         progress.event(Event::Finished);
         progress.event(Event::Resumable(false));
         result.map(|()| done)
     }
 
-    /// Makes these maps one after the other: both networks and commands use all threads.
+    /// Makes those of the maps of the views that are missing, one after the other: both networks and commands use all threads.
     fn make_missing(
         &self,
+        views: &[&PerspectiveView],
         missing: &[(&PerspectiveView, String)],
         record: &mut Record,
         done: &mut MadeMaps,
         progress: &dyn Progress,
     ) -> Result<(), PriorError> {
-        let maker = match self.maker {
+        let mut maker = match self.maker {
             PriorMaker::Network(path) => Loaded::Network(Box::new(PriorNetwork::load(path, self.content)?)),
             PriorMaker::Command(command) => Loaded::Command(command),
+            PriorMaker::Stereo => {
+                let maps = stereo_maps(views, progress)?.into_iter().zip(views);
+                let is_missing = |name: &str| missing.iter().any(|(view, _)| view.name == name);
+                let maps: Vec<Grid2> =
+                    maps.filter(|(_, view)| is_missing(&view.name)).map(|(map, _)| map).collect();
+                Loaded::Maps(maps.into_iter())
+            }
         };
         let mut fault = None;
         for (k, (view, hash)) in missing.iter().enumerate() {
@@ -146,7 +164,7 @@ impl Work<'_> {
                 return Err(interrupted);
             }
             let staging = self.staging()?;
-            let file = match &maker {
+            let file = match &mut maker {
                 Loaded::Network(network) => {
                     let file = staging.path().join("map.npy");
                     network.map(view.read_file()?)?.write(&file)?;
@@ -158,6 +176,17 @@ impl Work<'_> {
                         None => return Err(interrupted),
                     }
                 }
+                Loaded::Maps(maps) => {
+                    let file = staging.path().join("map.npy");
+                    let map = maps.next().unwrap_or_else(|| Grid2::filled(1, 1, f32::NAN));
+                    NpyArray {
+                        shape: vec![map.height, map.width],
+                        kind: NumberKind::Float,
+                        values: map.data,
+                    }
+                    .write(&file)?;
+                    file
+                }
             };
             match self.accept(&file, view) {
                 Ok(()) => {
@@ -168,7 +197,12 @@ impl Work<'_> {
                 Err(PriorError::Empty { fault: empty, .. }) => {
                     done.left_out += 1;
                     let unusable = self.unusable(view, empty.into());
-                    progress.event(Event::Warning(format!("{unusable}: the view has none")));
+                    if *self.maker == PriorMaker::Stereo {
+                        record.maps.insert(view.name.clone(), hash.clone());
+                        write_json(&self.folder.join(RECORD), record)?;
+                    } else {
+                        progress.event(Event::Warning(format!("{unusable}: the view has none")));
+                    }
                     fault = Some(unusable);
                 }
                 Err(PriorError::Shape { found, expected, .. }) => {
@@ -217,14 +251,24 @@ impl Work<'_> {
 
     /// For each view the hash of what its map is made from.
     fn hashes(&self, views: &[&PerspectiveView]) -> Result<Vec<String>, PriorError> {
-        let maker = self.maker.hash(self.content)?;
-        let of = |view: &&PerspectiveView| {
-            let image = vsi::content_hash(&view.image).map_err(|e| ReadError::new(&view.image, e))?;
-            let both = [maker.as_bytes().as_slice(), image.as_bytes()].concat();
-            Ok(blake3::hash(&both).to_hex()[..32].to_string())
+        let mut maker = self.maker.hash(self.content)?;
+        let of = |view: &&PerspectiveView| -> Result<blake3::Hash, PriorError> {
+            Ok(vsi::content_hash(&view.image).map_err(|e| ReadError::new(&view.image, e))?)
         };
-        let hashes: Vec<Result<String, PriorError>> = views.par_iter().map(of).collect();
-        hashes.into_iter().collect()
+        let images: Vec<Result<blake3::Hash, PriorError>> = views.par_iter().map(of).collect();
+        let images: Vec<blake3::Hash> = images.into_iter().collect::<Result<_, _>>()?;
+        if *self.maker == PriorMaker::Stereo {
+            // What one view shows is found by the others.
+            let mut hasher = blake3::Hasher::new();
+            hasher.update(maker.as_bytes());
+            for (view, image) in views.iter().zip(&images) {
+                hasher.update(image.as_bytes());
+                hasher.update(format!("{:?} {:?}", view.camera, view.masks).as_bytes());
+            }
+            maker = hasher.finalize();
+        }
+        let both = |image: &blake3::Hash| [maker.as_bytes().as_slice(), image.as_bytes()].concat();
+        Ok(images.iter().map(|image| blake3::hash(&both(image)).to_hex()[..32].to_string()).collect())
     }
 
     fn unusable(&self, view: &PerspectiveView, fault: String) -> PriorError {

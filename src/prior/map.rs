@@ -15,8 +15,8 @@ pub enum DepthKind {
     Relative,
     /// Inverse depths up to an unknown scale and shift; larger is nearer.
     Disparity,
-    /// Depths along the optical axis as a sensor measures them, in the unit of the scene: they are compared as they are.
-    #[serde(skip)]
+    /// Depths along the optical axis as a sensor measures them or matching finds them, in the unit of the scene: they are compared
+    /// as they are.
     Measured,
     /// Depths along the optical axis that were brought to the points of the scene and to other views.
     #[serde(skip)]

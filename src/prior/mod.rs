@@ -1,6 +1,7 @@
 //! Priors: what a network, a sensor or a surface says of the depths and normals that views see, before any training.
 //!
-//! [`PriorFolder`] reads maps from files, which [`make_maps`] makes with a network or a command. [`read_priors`] reads those of
+//! [`PriorFolder`] reads maps from files, which [`make_maps`] makes with a network or a command, or
+//! by matching the photographs. [`read_priors`] reads those of
 //! all views, and compares them with the points of the scene: what contradicts them is refused. [`bring_together`] gives depths the
 //! scale of the scene. [`dense_start`] adds points to start from where the scene has few; [`aligned_start`] puts one behind each pixel.
 
@@ -28,6 +29,7 @@ mod pseudo_views;
 mod resample;
 mod seen;
 mod source;
+mod stereo;
 
 pub use aligned_start::{AlignedStart, Completion, StartView, UnseenPixels, aligned_start};
 pub use command::PriorCommand;
@@ -45,6 +47,7 @@ pub use of_views::{PriorSources, read_priors};
 pub use pseudo_views::PseudoView;
 pub(crate) use seen::seen_points;
 pub use source::{PriorMaker, PriorSource};
+pub use stereo::stereo_points;
 
 #[cfg(test)]
 mod make_tests;

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Part of every hash: to be counted up when the same source gives other maps.
 const FORM: &str = "satgs prior 1";
+/// What users call matching.
+const STEREO: &str = "stereo";
 
 /// Where the depths or normals of images come from.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,17 +28,21 @@ pub enum PriorMaker {
     Network(PathBuf),
     /// A command.
     Command(PriorCommand),
+    /// Matching of the images with each other, at their poses. It gives depths, and needs no network.
+    Stereo,
 }
 
 impl PriorSource {
-    /// The source that a text names: an existing folder, an existing file that ends in `.onnx`, or a command with `{image}` and
+    /// The source that a text names: `stereo`, an existing folder, an existing file that ends in `.onnx`, or a command with `{image}` and
     /// `{out}`.
     ///
     /// # Errors
     /// [`PriorError::NoSource`] if it is none of these, [`PriorError::Words`] for a command that cannot be split into words.
     pub fn parse(text: &str) -> Result<Self, PriorError> {
         let path = Path::new(text);
-        if vsi::is_dir(path) {
+        if text == STEREO {
+            Ok(Self::Maker(PriorMaker::Stereo))
+        } else if vsi::is_dir(path) {
             Ok(Self::Folder(path.into()))
         } else if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("onnx")) && path.is_file() {
             Ok(Self::Maker(PriorMaker::Network(path.into())))
@@ -81,6 +87,9 @@ impl PriorMaker {
                 command.files().try_for_each(&mut add)?;
                 hasher.update(command.text().as_bytes());
             }
+            Self::Stereo => {
+                hasher.update(STEREO.as_bytes());
+            }
         }
         Ok(hasher.finalize())
     }
@@ -91,6 +100,7 @@ impl std::fmt::Display for PriorMaker {
         match self {
             Self::Network(path) => path.display().fmt(f),
             Self::Command(command) => f.write_str(command.text()),
+            Self::Stereo => f.write_str(STEREO),
         }
     }
 }

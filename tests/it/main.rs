@@ -27,6 +27,7 @@ mod guide;
 mod help;
 mod inputs;
 mod layers;
+mod matched_photographs;
 mod mesh;
 mod metrics_peer;
 mod names;

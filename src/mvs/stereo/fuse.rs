@@ -1,12 +1,12 @@
 //! Fusion of the views' altitude maps to one surface on the map grid.
 
-use super::altitude_map::AltitudeMap;
 use super::fill::{close_gaps, fill};
-use super::reference::ReferenceView;
 use crate::affine::ViewCamera;
 use crate::frame::Pixel;
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::plane_sweep::PlaneSweep;
+use crate::mvs::ray_map::RayMap;
+use crate::mvs::reference_view::ReferenceView;
 use crate::mvs::surface::MatchedSurface;
 use rayon::prelude::*;
 
@@ -19,19 +19,15 @@ type ResampledMap = (Grid2, Grid2);
 
 /// The fused surface: in every cell the median of the altitude maps. Cells without altitude are filled from
 /// their surroundings, with a score of 0.
-pub(super) fn fused(
-    sweep: &PlaneSweep,
-    references: &[ReferenceView],
-    maps: &[AltitudeMap],
-) -> MatchedSurface {
+pub(super) fn fused(sweep: &PlaneSweep, references: &[ReferenceView], maps: &[RayMap]) -> MatchedSurface {
     let PlaneSweep { site, grid, images, .. } = sweep;
-    let resample = |(own, map): (&ReferenceView, &AltitudeMap)| {
-        let mut mesh = Mesh::new(grid, site.origin.xyz(), own.discontinuity_m);
+    let resample = |(own, map): (&ReferenceView, &RayMap)| {
+        let mut mesh = Mesh::new(grid, site.origin.xyz(), own.discontinuity);
         mesh.draw(&images[own.view].camera, map);
         (mesh.altitude, mesh.score)
     };
     let resampled: Vec<ResampledMap> = references.par_iter().zip(maps).map(resample).collect();
-    let discontinuity_m = references.iter().fold(0.0, |most: f32, r| most.max(r.discontinuity_m));
+    let discontinuity_m = references.iter().fold(0.0, |most: f32, r| most.max(r.discontinuity));
     let median = |i: usize| {
         let mut known: Vec<(f32, f32)> = resampled.iter().map(|(z, s)| (z.data[i], s.data[i])).collect();
         known.retain(|(z, _)| !z.is_nan());
@@ -80,11 +76,11 @@ impl<'a> Mesh<'a> {
     }
 
     /// Draws two triangles for every four neighbouring pixels.
-    fn draw(&mut self, camera: &ViewCamera, map: &AltitudeMap) {
-        for row in 0..map.altitude.height - 1 {
-            for col in 0..map.altitude.width - 1 {
+    fn draw(&mut self, camera: &ViewCamera, map: &RayMap) {
+        for row in 0..map.value.height - 1 {
+            for col in 0..map.value.width - 1 {
                 let corners = [(col, row), (col + 1, row), (col, row + 1), (col + 1, row + 1)];
-                let corners = corners.map(|(c, r)| self.corner(camera, c, r, map.altitude.at(c, r)));
+                let corners = corners.map(|(c, r)| self.corner(camera, c, r, map.value.at(c, r)));
                 for [a, b, c] in [[0, 1, 2], [3, 2, 1]] {
                     self.triangle([corners[a], corners[b], corners[c]], map.score.at(col, row));
                 }

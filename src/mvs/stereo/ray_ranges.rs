@@ -2,22 +2,18 @@
 
 use super::rays::to_ground;
 use crate::frame::{Pixel, SiteBox};
+use crate::mvs::block_ranges::{BLOCKS, BlockRanges};
 use crate::mvs::image::MatchImage;
-use crate::mvs::plane_ranges::{BlockAltitudes, Blocks, PlaneRanges, planes_for};
+use crate::mvs::plane_ranges::{BlockAltitudes, planes_for};
 use crate::mvs::plane_sweep::PlaneSweep;
 use rayon::prelude::*;
-use std::ops::Range;
-
-/// Blocks of pixels with a common range of planes.
-pub(super) const BLOCKS: Blocks = Blocks { columns: 64, rows: 32 };
 
 /// The ranges of planes of the pixels of a view.
 pub(super) struct RayRanges {
-    size: (usize, usize),
     /// Height of the first plane above the ground, metres.
     pub low_m: f32,
-    /// Of each block, row by row.
-    ranges: Vec<Range<usize>>,
+    /// The planes of each block.
+    pub blocks: BlockRanges,
 }
 
 impl RayRanges {
@@ -47,27 +43,6 @@ impl RayRanges {
         };
         let blocks: Vec<_> = (0..across * BLOCKS.count(size).1).into_par_iter().map(of_block).collect();
         let (low_m, _, ranges) = planes_for(&blocks, step_m as f32);
-        Self { size, low_m, ranges }
-    }
-
-    /// The ranges of some rows of blocks, as those of an image of their own.
-    pub fn of_rows(&self, rows: Range<usize>) -> PlaneRanges {
-        let across = BLOCKS.count(self.size).0;
-        let height = (rows.end * BLOCKS.rows).min(self.size.1) - rows.start * BLOCKS.rows;
-        let ranges = &self.ranges[rows.start * across..rows.end * across];
-        PlaneRanges::of_blocks((self.size.0, height), BLOCKS, ranges)
-    }
-
-    /// Number of planes of all pixels of a row of blocks.
-    pub fn volume(&self, row: usize) -> usize {
-        let across = BLOCKS.count(self.size).0;
-        let widths = (0..across).map(|k| BLOCKS.columns.min(self.size.0 - k * BLOCKS.columns));
-        let of_row = self.ranges[row * across..(row + 1) * across].iter().zip(widths);
-        BLOCKS.rows * of_row.map(|(range, width)| range.len() * width).sum::<usize>()
-    }
-
-    /// Number of rows of blocks.
-    pub fn rows(&self) -> usize {
-        BLOCKS.count(self.size).1
+        Self { low_m, blocks: BlockRanges::new(size, ranges) }
     }
 }

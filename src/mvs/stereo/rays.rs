@@ -6,25 +6,28 @@ use crate::io::Grid2;
 use crate::mvs::image::MatchImage;
 use crate::mvs::plane_ranges::PlaneRanges;
 use crate::mvs::plane_sweep::PlaneSweep;
+use crate::mvs::ray_costs::Rays;
+use multiversion::multiversion;
+use std::ops::Range;
 
 /// Number of fixed-point iterations that intersect a ray with the ground. The slopes of the ground are
 /// gentle, so that each iteration leaves a fraction of the error.
 const INTERSECTION_STEPS: usize = 6;
 
 /// The rays of a view's pixels, which intersect a stack of planes parallel to the ground.
-pub(super) struct Rays {
+pub(super) struct GroundRays {
     /// Altitude of plane 0 on every ray, site metres.
-    pub lowest: Grid2,
+    lowest: Grid2,
     /// Distance between planes, metres.
-    pub step_m: f32,
+    step_m: f32,
     /// For every source view, the columns and rows at which it sees plane 0 on every ray, pixels.
-    pub lowest_px: Vec<[Grid2; 2]>,
+    lowest_px: Vec<[Grid2; 2]>,
     /// For every source view, the displacement (columns, rows) in its image from one plane to the next on every
     /// ray, pixels: the mean up to the middle of the planes that are tested.
-    pub step_px: Vec<[Grid2; 2]>,
+    step_px: Vec<[Grid2; 2]>,
 }
 
-impl Rays {
+impl GroundRays {
     /// The rays of `reference`, with planes `step_m` metres apart, of which those of `ranges` are tested; plane 0 lies `low_m`
     /// metres above the ground.
     pub fn new(
@@ -76,6 +79,27 @@ impl Rays {
             lowest,
             step_m: step_m as f32,
         }
+    }
+}
+
+impl Rays for GroundRays {
+    fn places(&self, source: usize, plane: usize, row: usize, columns: Range<usize>, out: [&mut [f32]; 2]) {
+        let planes = self.lowest_px[source].iter().zip(&self.step_px[source]);
+        for ((lowest, step), out) in planes.zip(out) {
+            displaced(&lowest.row(row)[columns.clone()], &step.row(row)[columns.clone()], plane as f32, out);
+        }
+    }
+
+    fn value(&self, pixel: usize, plane: f32) -> f32 {
+        self.lowest.data[pixel] + self.step_m * plane
+    }
+}
+
+/// Places that are displaced by `steps` times `step`.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn displaced(places: &[f32], step: &[f32], steps: f32, out: &mut [f32]) {
+    for ((out, place), step) in out.iter_mut().zip(places).zip(step) {
+        *out = place + step * steps;
     }
 }
 

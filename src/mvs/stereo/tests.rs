@@ -80,8 +80,8 @@ fn a_map_matched_in_strips_is_nearly_the_same_as_a_whole_one() {
     let views = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let reference = &reference_views(&sweep)[0];
-    let whole = altitude_map(&sweep, reference, MAX_VOLUME).altitude;
-    let strips = altitude_map(&sweep, reference, 1.0).altitude;
+    let whole = altitude_map(&sweep, reference, MAX_VOLUME).value;
+    let strips = altitude_map(&sweep, reference, 1.0).value;
     let both = whole.data.iter().zip(&strips.data).filter(|(a, b)| !a.is_nan() && !b.is_nan());
     let near = both.clone().filter(|(a, b)| (*a - *b).abs() < 0.3).count();
     let all = both.count();

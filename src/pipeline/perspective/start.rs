@@ -41,12 +41,16 @@ pub fn start_points(
     unit: f64,
     of_reference: bool,
 ) -> Result<Vec<ScenePoint>, PipelineError> {
-    let is_allowed = of_reference || !scene.layout.has_reference_depths();
-    let has_depths = is_allowed && scene.training().any(|v| v.depth.is_some());
-    Ok(match scene.points.is_empty() && has_depths {
+    Ok(match scene.points.is_empty() && starts_from_depths(scene, of_reference) {
         true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO * unit)?,
         false => scene.points.clone(),
     })
+}
+
+/// Whether training of a scene without points starts from its depth maps: those that are a reference only if `of_reference`.
+pub(super) fn starts_from_depths(scene: &PerspectiveScene, of_reference: bool) -> bool {
+    let is_allowed = of_reference || !scene.layout.has_reference_depths();
+    is_allowed && scene.training().any(|v| v.depth.is_some())
 }
 
 /// The splats that training begins with: those that were predicted, else at the scene's points, else at those of its depth maps,

@@ -12,14 +12,15 @@ use super::images::require_own_images;
 use super::manifest::PerspectiveManifest;
 use super::prior_pictures;
 use super::scene_fingerprint::scene_fingerprint;
-use super::start::{splats_at_start, start_points};
+use super::start::{splats_at_start, start_points, starts_from_depths};
 use crate::affine::SiteSceneError;
+use crate::frame::{Point, Site};
 use crate::io::write_json;
 use crate::perspective::{Layout, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::Model;
 use crate::prior::{
-    PriorContent, PriorFolder, PriorSource, PriorSources, ViewPriors, bring_together, read_priors,
-    sensor_priors,
+    PriorContent, PriorError, PriorFolder, PriorMaker, PriorSource, PriorSources, ViewPriors, bring_together,
+    read_priors, sensor_priors, stereo_points,
 };
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, PRIOR_PICTURES, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
@@ -40,6 +41,9 @@ use std::sync::Arc;
 
 /// Largest spacing of coordinates as a share of the extent of the cameras.
 const COARSEST: f64 = 1e-4;
+/// Most points that matching gives to start from, about, and fewest pixels that must have a depth for a start from it.
+const MOST_MATCHED: usize = 150_000;
+const FEWEST_MATCHED: usize = 1000;
 /// The box of the splats leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
 
@@ -65,7 +69,7 @@ pub(super) fn train_scene(
     options: &TrainOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<Trained>, PipelineError> {
-    let recipe = options.perspective_recipe()?;
+    let recipe = options.perspective_recipe_for(scene.training().count())?;
     let frame = WorkingFrame::of(scene)?;
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, scene, &frame, options, &recipe)?);
@@ -80,9 +84,11 @@ pub(super) fn train_scene(
     }
     stage.require_writable()?;
     require_fine_coordinates(scene)?;
+    let matched = matched_scene(run, scene, options, progress)?;
+    let scene = matched.as_ref().unwrap_or(scene);
     let working = frame.enter(scene);
     // Before the images, which need memory that networks may need too.
-    let priors = priors(run, &working, options, progress)?;
+    let priors = priors(run, scene, &frame, options, progress)?;
     let views = read_views(&working, progress)?;
     require_own_images(&manifest.scene, &working, &views, progress)?;
     let views = views.into_iter().zip(priors);
@@ -235,20 +241,68 @@ pub fn read_views(
     Ok(views)
 }
 
-/// The priors of all training views: those that are asked for, else, where the recipe uses them, what the depth maps of RGB-D frames
-/// give. Says which loss terms are idle without them.
-fn priors(
+/// A scene without points and depth maps to start from, with points from its photographs; none for other scenes, and where matching
+/// finds no surface.
+fn matched_scene(
     run: &Path,
     scene: &PerspectiveScene,
     options: &TrainOptions,
     progress: &dyn Progress,
+) -> Result<Option<PerspectiveScene>, PipelineError> {
+    if !starts_from_matches(run, scene, options)? {
+        return Ok(None);
+    }
+    let training: Vec<&PerspectiveView> = scene.training().collect();
+    let stereo = PriorSource::Maker(PriorMaker::Stereo);
+    let sources = PriorSources { depths: Some(stereo), ..PriorSources::default() };
+    let priors = match read_priors(&sources, &training, &[], &run.join(PRIORS), progress) {
+        Err(PriorError::Unusable { .. } | PriorError::NoFiles { .. }) => Vec::new(),
+        priors => priors?,
+    };
+    let depths = training.iter().zip(&priors);
+    let depths: Vec<_> = depths.filter_map(|(view, prior)| Some((*view, prior.depth.as_ref()?))).collect();
+    let matched: usize = depths.iter().map(|(_, depth)| depth.values.valid().count()).sum();
+    if matched < FEWEST_MATCHED {
+        let text =
+            "the scene has no points, and its photographs do not match: training starts from random points";
+        progress.event(Event::Warning(text.into()));
+        return Ok(None);
+    }
+    let points = stereo_points(&depths, MOST_MATCHED)?;
+    let text = format!(
+        "the scene has no points: training starts from {} by matching of {} photographs",
+        points.len(),
+        depths.len()
+    );
+    progress.event(Event::Note(text));
+    Ok(Some(PerspectiveScene { points, ..scene.clone() }))
+}
+
+/// Whether training starts from matching of the photographs: nothing else says where the surface is.
+fn starts_from_matches(
+    run: &Path,
+    scene: &PerspectiveScene,
+    options: &TrainOptions,
+) -> Result<bool, PipelineError> {
+    let has_own = !scene.points.is_empty() || starts_from_depths(scene, options.reference_points);
+    Ok(!has_own && prediction_of(run, &scene_fingerprint(scene)?)?.is_none())
+}
+
+/// The priors of all training views, in the frame of training: those that are asked for, else, where the recipe uses them, what the depth maps of RGB-D frames
+/// give. Says which loss terms are idle without them.
+fn priors(
+    run: &Path,
+    scene: &PerspectiveScene,
+    frame: &WorkingFrame,
+    options: &TrainOptions,
+    progress: &dyn Progress,
 ) -> Result<Vec<ViewPriors>, PipelineError> {
-    let sources = &options.priors;
+    let sources = &prior_sources(scene, options)?;
+    let working = &frame.enter(scene);
     let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
     let start = perspective.map(|p| p.start_points).unwrap_or_default();
-    let training: Vec<&PerspectiveView> = scene.training().collect();
-    // Depth maps of other layouts are references: those of LEVIR-NVS and of ScanNet++ are rendered from models.
-    let has_sensor = scene.layout == Layout::RgbD && training.iter().any(|view| view.depth.is_some());
+    let training: Vec<&PerspectiveView> = working.training().collect();
+    let has_sensor = has_sensor(scene);
     let weighs = |name| weights.get(name) > 0.0;
     let uses_depths = sources.depths.is_none()
         && (weighs("depth_prior") || weighs("depth_smoothness") || start.needs_depths());
@@ -261,13 +315,34 @@ fn priors(
         };
         progress.event(Event::Note(format!("the scene's own depth maps are the prior of {what}")));
     } else {
+        if options.priors.depths.is_none() && sources.depths.is_some() {
+            let text = "without --depth-prior the depths are those that matching of the photographs finds";
+            progress.event(Event::Note(text.into()));
+        }
         say_what_is_missing(sources, &weights, start, progress);
     }
     let mut priors = vec![ViewPriors::default(); training.len()];
     let mut points = Vec::new();
     if sources.depths.is_some() || sources.normals.is_some() {
-        points.extend(start_points(scene, 1.0, options.reference_points)?.iter().map(|p| p.position));
-        priors = read_priors(sources, &training, &points, &run.join(PRIORS), progress)?;
+        // Files are in the unit of the scene.
+        let of_scene: Vec<&PerspectiveView> = scene.training().collect();
+        let unit = frame.unit();
+        let positions = start_points(scene, unit, options.reference_points)?;
+        let positions: Vec<Point<Site>> = positions.iter().map(|p| p.position).collect();
+        priors = match read_priors(sources, &of_scene, &positions, &run.join(PRIORS), progress) {
+            Err(e @ (PriorError::Unusable { .. } | PriorError::NoFiles { .. }))
+                if options.priors == PriorSources::default() =>
+            {
+                progress.event(Event::Note(format!("{e}: training goes on without depths")));
+                priors
+            }
+            priors => priors?,
+        };
+        let absolute = priors.iter_mut().filter_map(|prior| prior.depth.as_mut());
+        for depth in absolute.filter(|depth| depth.kind.is_absolute()) {
+            depth.values.data.iter_mut().for_each(|z| *z /= unit as f32);
+        }
+        points.extend(start_points(working, 1.0, options.reference_points)?.iter().map(|p| p.position));
     }
     if has_sensor && (uses_depths || uses_normals) {
         let total = training.len() as u64;
@@ -295,6 +370,25 @@ fn priors(
         bring_together(&mut priors, &training, &points, progress)?;
     }
     Ok(priors)
+}
+
+/// Where priors come from: what is asked for, else, for loss terms and starts that depths are made for, matching of the
+/// photographs, unless a sensor has measured them.
+fn prior_sources(scene: &PerspectiveScene, options: &TrainOptions) -> Result<PriorSources, PipelineError> {
+    let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
+    let start = perspective.map(|p| p.start_points).unwrap_or_default();
+    let uses_depths = weights.get("depth_prior") > 0.0 || start == StartPoints::Patches;
+    let mut sources = options.priors.clone();
+    if sources.depths.is_none() && uses_depths && !has_sensor(scene) && scene.training().count() > 1 {
+        sources.depths = Some(PriorSource::Maker(PriorMaker::Stereo));
+    }
+    Ok(sources)
+}
+
+/// Whether a sensor has measured depths. Depth maps of other layouts are references: those of LEVIR-NVS and of ScanNet++ are rendered
+/// from models.
+fn has_sensor(scene: &PerspectiveScene) -> bool {
+    scene.layout == Layout::RgbD && scene.training().any(|view| view.depth.is_some())
 }
 
 /// Says what a recipe leaves out for lack of priors.
@@ -360,9 +454,14 @@ fn fingerprint(
     } else if options.predict {
         out.insert("--start".into(), format!("predict, {}", Model::built_in_hash()));
     }
+    let stereo = PriorMaker::Stereo;
+    if starts_from_matches(run, scene, options)? {
+        out.insert("points to start from".into(), hash(stereo.hash(PriorContent::Depths)?.as_bytes()));
+    }
+    let all = prior_sources(scene, options)?;
     let sources = [
-        ("--depth-prior", &options.priors.depths, PriorContent::Depths),
-        ("--normal-prior", &options.priors.normals, PriorContent::Normals),
+        ("--depth-prior", &all.depths, PriorContent::Depths),
+        ("--normal-prior", &all.normals, PriorContent::Normals),
     ];
     for (option, source, content) in sources {
         let described = match source {

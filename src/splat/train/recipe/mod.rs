@@ -286,11 +286,14 @@ fn always() -> u32 {
 }
 
 impl Recipe {
-    /// The recipe for this number of training views. If it initialises the splats on the matched surface and the views are
-    /// few, it has at most 500 iterations for each view.
+    /// The recipe for this number of training views: at most 500 iterations for each view, if it initialises the splats on the
+    /// matched surface and the views are few, and, of photographs, if it adds no splats: it learns few views by heart.
     #[must_use]
     pub fn for_views(self, views: usize) -> Self {
-        let is_few = self.start == Start::Surface && views <= crate::mvs::FEW_VIEWS;
+        let is_few = match self.perspective {
+            None => self.start == Start::Surface && views <= crate::mvs::FEW_VIEWS,
+            Some(_) => self.densification.is_none(),
+        };
         let enough = ITERATIONS_PER_VIEW * views.max(1) as u32;
         if is_few && enough < self.iterations { self.with_iterations(enough) } else { self }
     }
@@ -337,5 +340,19 @@ impl Recipe {
             then: self.then.as_ref().map(|then| Box::new(then.with_iterations(scale(then.iterations)))),
             ..self.clone()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_views_take_fewer_iterations() {
+        let iterations = |name: &str, views| Recipe::named(name).unwrap().for_views(views).iterations;
+        assert_eq!([3, 6, 10, 40].map(|views| iterations("geoprop", views)), [1500, 3000, 5000, 10_000]);
+        assert_eq!([2, 3, 12].map(|views| iterations("best", views)), [1000, 1500, 4000]);
+        // What grows finds more to learn.
+        assert_eq!(iterations("3dgs", 3), 30_000);
     }
 }

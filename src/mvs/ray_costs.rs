@@ -1,14 +1,12 @@
 //! The cost volume of a reference view: the matching cost of every altitude along the rays of its pixels.
 //!
-//! For each plane parallel to the ground, the source views are resampled to the pixels of the reference view
-//! and compared by normalised cross-correlation in windows of three sizes. The smallest preserves edges, the
-//! larger ones resolve ambiguities.
+//! For each plane, the source views are resampled to the pixels of the reference view and compared by normalised
+//! cross-correlation in windows of three sizes. The smallest preserves edges, the larger ones resolve ambiguities.
 
-use super::ray_ranges::BLOCKS;
-use super::rays::Rays;
+use super::block_ranges::BLOCKS;
+use super::image::MatchImage;
+use super::plane_ranges::PlaneRanges;
 use crate::io::Grid2;
-use crate::mvs::image::MatchImage;
-use crate::mvs::plane_ranges::PlaneRanges;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -20,6 +18,24 @@ const WEIGHTS: [f32; 3] = [1.0 / 1.4, 0.3 / 1.4, 0.1 / 1.4];
 const MARGIN: usize = RADII[2];
 /// Variance of the gray values in a window up to which the window is textureless and has no correlation.
 const MIN_VARIANCE: f32 = 1e-5;
+
+/// The rays of a reference view's pixels, which meet a stack of planes, and where the source views see these points.
+pub(super) trait Rays: Sync {
+    /// Columns and rows, pixels, at which source view `source` sees the points of a plane on the rays of some pixels of a row.
+    /// What lies behind the source view has no place (NaN).
+    fn places(
+        &self,
+        source: usize,
+        plane: usize,
+        row: usize,
+        columns: Range<usize>,
+        cols_and_rows: [&mut [f32]; 2],
+    );
+
+    /// What a map of the view holds where the surface lies at a plane on a pixel's ray, such as its altitude; fractions of planes
+    /// interpolate.
+    fn value(&self, pixel: usize, plane: f32) -> f32;
+}
 
 /// Matching costs of every pixel of a view at its planes, pixel by pixel: 0 for a perfect correlation,
 /// [`RayCosts::UNCORRELATED`] for none.
@@ -35,10 +51,10 @@ impl<'a> RayCosts<'a> {
     pub const UNCORRELATED: f32 = 127.0;
 
     /// Matches a reference view with source views along its rays.
-    pub fn new(
-        reference: &MatchImage,
-        sources: &[&MatchImage],
-        rays: &Rays,
+    pub fn new<C: Sync>(
+        reference: &MatchImage<C>,
+        sources: &[&MatchImage<C>],
+        rays: &impl Rays,
         ranges: &'a PlaneRanges,
     ) -> Self {
         let Grid2 { width, height, .. } = reference.gray;
@@ -68,9 +84,11 @@ impl<'a> RayCosts<'a> {
 }
 
 /// A block of pixels of the reference view, with margins.
-struct Block<'a> {
-    sources: &'a [&'a MatchImage],
-    rays: &'a Rays,
+struct Block<'a, C, R> {
+    sources: &'a [&'a MatchImage<C>],
+    rays: &'a R,
+    /// Columns and rows of the reference view.
+    size: (usize, usize),
     /// The columns and rows inside the margins.
     columns: Range<usize>,
     rows: Range<usize>,
@@ -96,11 +114,11 @@ struct WindowSums {
     square: Vec<f32>,
 }
 
-impl<'a> Block<'a> {
+impl<'a, C, R: Rays> Block<'a, C, R> {
     fn new(
-        reference: &MatchImage,
-        sources: &'a [&'a MatchImage],
-        rays: &'a Rays,
+        reference: &MatchImage<C>,
+        sources: &'a [&'a MatchImage<C>],
+        rays: &'a R,
         (columns, rows): (Range<usize>, Range<usize>),
     ) -> Self {
         let (width, lines) = (columns.len() + 2 * MARGIN, rows.len() + 2 * MARGIN);
@@ -124,7 +142,8 @@ impl<'a> Block<'a> {
             };
             WindowSums { value: sums(&own.value), square: sums(&squares) }
         });
-        Self { sources, rays, columns, rows, width, lines, own, own_sums }
+        let size = (reference.gray.width, reference.gray.height);
+        Self { sources, rays, size, columns, rows, width, lines, own, own_sums }
     }
 
     /// Computes the costs of the pixels inside the margins at `planes`; `place` tells where those of a row are in `costs`.
@@ -134,9 +153,10 @@ impl<'a> Block<'a> {
         let (mut square, mut product, mut scratch) = (zeros(), zeros(), zeros());
         let mut sums = SourceSums { value: zeros(), square: zeros(), product: zeros(), missing: zeros() };
         let mut scores: Vec<Vec<f32>> = self.sources.iter().map(|_| zeros()).collect();
+        let mut places = [(); 2].map(|()| vec![0.0f32; self.width]);
         for plane in planes.clone() {
             for (k, score) in scores.iter_mut().enumerate() {
-                self.resample(k, plane, &mut view);
+                self.resample(k, plane, &mut places, &mut view);
                 multiply(&view.value, &view.value, &mut square);
                 multiply(&view.value, &self.own.value, &mut product);
                 score.fill(f32::NAN);
@@ -158,27 +178,26 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Resamples source view `k` to the reference view by way of a plane.
-    fn resample(&self, k: usize, plane: usize, out: &mut Sampled) {
-        let (source, [cols, rows]) = (self.sources[k], &self.rays.lowest_px[k]);
-        let [step_cols, step_rows] = &self.rays.step_px[k];
+    /// Resamples source view `k` to the reference view by way of a plane; `places` is working memory.
+    fn resample(
+        &self,
+        k: usize,
+        plane: usize,
+        [place_cols, place_rows]: &mut [Vec<f32>; 2],
+        out: &mut Sampled,
+    ) {
+        let source = self.sources[k];
         out.value.fill(0.0);
         out.missing.fill(1.0);
-        let Some((first, from)) = in_image(&self.columns, cols.width).next() else { return };
-        let length = in_image(&self.columns, cols.width).count();
+        let Some((first, from)) = in_image(&self.columns, self.size.0).next() else { return };
+        let length = in_image(&self.columns, self.size.0).count();
         let columns = from..from + length;
-        for (line, row) in in_image(&self.rows, cols.height) {
+        for (line, row) in in_image(&self.rows, self.size.1) {
+            let (cols, rows) = (&mut place_cols[..length], &mut place_rows[..length]);
+            self.rays.places(k, plane, row, columns.clone(), [&mut *cols, &mut *rows]);
             let at = line * self.width + first..line * self.width + first + length;
             let (value, missing) = (&mut out.value[at.clone()], &mut out.missing[at.clone()]);
-            sample_row(
-                &source.gray,
-                source.mean as f32,
-                [&cols.row(row)[columns.clone()], &rows.row(row)[columns.clone()]],
-                [&step_cols.row(row)[columns.clone()], &step_rows.row(row)[columns.clone()]],
-                plane as f32,
-                value,
-                missing,
-            );
+            sample_row(&source.gray, source.mean as f32, [cols, rows], value, missing);
             for (missing, own) in missing.iter_mut().zip(&self.own.missing[at]) {
                 *missing = missing.max(*own);
             }
@@ -272,24 +291,18 @@ fn sum_windows(source: &[f32], width: usize, radius: usize, scratch: &mut [f32],
     }
 }
 
-/// Samples an image bilinearly at the columns and rows `at`, displaced by `steps` times `step` pixels, and
-/// subtracts `mean`.
+/// Samples an image bilinearly at the columns and rows `at`, and subtracts `mean`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn sample_row(
-    gray: &Grid2,
-    mean: f32,
-    at: [&[f32]; 2],
-    step: [&[f32]; 2],
-    steps: f32,
-    value: &mut [f32],
-    missing: &mut [f32],
-) {
+fn sample_row(gray: &Grid2, mean: f32, [cols, rows]: [&[f32]; 2], value: &mut [f32], missing: &mut [f32]) {
     if gray.width < 2 || gray.height < 2 {
         return;
     }
     let (last_col, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
-    for i in 0..value.len() {
-        let (x, y) = (at[0][i] + step[0][i] * steps, at[1][i] + step[1][i] * steps);
+    let n = value.len();
+    let (cols, rows, missing) = (&cols[..n], &rows[..n], &mut missing[..n]);
+    for i in 0..n {
+        let (x, y) = (cols[i], rows[i]);
+        // False for NaN.
         let inside = x >= 0.0 && y >= 0.0 && x < last_col && y < last_row;
         let (x, y) = if inside { (x, y) } else { (0.0, 0.0) };
         let (col, row) = (x as i32, y as i32);
