@@ -293,6 +293,24 @@ class RegisteredScores(Scores):
 
 
 @dataclass(frozen=True)
+class ErrorRanking:
+    """Expected errors of a surface model compared with the true ones.
+
+    Attributes:
+        rank_correlation: Spearman's rank correlation of expected and true absolute errors.
+        large_in_least_sure_fifth: Share of the errors above 2 m that lie on the fifth of the cells with the largest expected
+            errors; ``None`` without such errors.
+        expected_mae_m: Mean of the expected errors, metres.
+        cells: Number of cells.
+    """
+
+    rank_correlation: float
+    large_in_least_sure_fifth: float | None
+    expected_mae_m: float
+    cells: int
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """Result of :func:`satgs.compare`.
 
@@ -305,6 +323,8 @@ class Evaluation:
         land_cells: Number of cells of the truth that are valid and not water.
         water_cells: Number of cells of water, which are not scored.
         registered_scores: Scores after each registration.
+        expected_errors: How well the expected errors of the surface model tell its true ones after registration ``xyz``;
+            ``None`` without expected errors.
         notes: Remarks that matter for the interpretation of the scores.
     """
 
@@ -316,6 +336,7 @@ class Evaluation:
     land_cells: int
     water_cells: int
     registered_scores: tuple[RegisteredScores, ...]
+    expected_errors: ErrorRanking | None
     notes: tuple[str, ...]
 
     def after(self, method: Literal["z", "ncc", "xyz"]) -> RegisteredScores:

@@ -181,6 +181,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn matching_sees_more_than_8_bits_where_the_image_has_them() {
+        let camera = ViewCamera::affine([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [0.0, 0.0]);
+        let gray = |value: fn(usize) -> f32| {
+            let bands = [Grid2::from_fn(8, 1, |col, _| value(col))];
+            let area = (-10.0, -10.0, 10.0, 10.0);
+            TrainingView::new("v".into(), camera, None, &bands, area, (0.0, 0.0)).sqrt_gray().data
+        };
+        let fine = gray(|col| 0.5 + 0.0005 * col as f32);
+        assert!(fine.iter().enumerate().all(|(col, v)| (v * v - 0.5 - 0.0005 * col as f32).abs() < 1e-4));
+        let of_bytes = gray(|col| (100 + col) as f32 / 255.0);
+        assert!(
+            of_bytes.iter().enumerate().all(|(col, v)| (255.0 * v * v - (100 + col) as f32).abs() < 1e-3)
+        );
+    }
+
+    #[test]
     fn pixels_whose_ray_leaves_the_area_between_the_altitudes_are_masked() {
         // A pixel is 1 m wide; points move by half a pixel to the left for every metre up, so rays lean east.
         let camera = ViewCamera::affine([[1.0, 0.0, -0.5], [0.0, -1.0, 0.0]], [10.0, 2.0]);

@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 /// `best` the surface of the splats is refined by matching the images once more, with `baeogs` and `eogs` a height is the
 /// mean altitude of the splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view (the training view nearest to
 /// nadir with a high sun) without
-/// shadows. confidence.tif has three bands: opacity of the splats, standard deviation of their altitudes (m), and number
+/// shadows. confidence.tif has four bands: opacity of the splats, standard deviation of their altitudes (m), number
 /// of views that see the cell: two or more confirm its height, otherwise it is filled in from the cells around it (--no-fill
-/// leaves such cells as nodata). Cells that fewer than two images cover are nodata. Points, mesh and hillshade of a surface
+/// leaves such cells as nodata), and the error to expect of the height (m). Cells that fewer than two images cover are nodata. Points, mesh and hillshade of a surface
 /// that is replaced are written again, its scores in RUN/eval are removed.
 /// dsm.qml is a QGIS style for dsm.tif, hillshade.png a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]

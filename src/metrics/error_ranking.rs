@@ -37,36 +37,59 @@ impl ErrorRanking {
         if cells < LEAST_CELLS {
             return None;
         }
-        let (by_expected, by_error) = (ranks(&expected), ranks(&errors));
+        let (order, by_error) = (Order::of(&expected), Order::of(&errors).ranks());
+        let by_expected = order.ranks();
         let middle = 0.5 * (cells as f64 - 1.0);
         let sum =
             |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - middle) * (b - middle)).sum::<f64>();
         let norm = (sum(&by_expected, &by_expected) * sum(&by_error, &by_error)).sqrt();
-        let is_large = |i: usize| errors[i] > LARGE_M;
-        let large = (0..cells).filter(|i| is_large(*i)).count();
-        let sure = (1.0 - LEAST_SURE) * cells as f64;
-        let found = (0..cells).filter(|i| is_large(*i) && by_expected[*i] >= sure).count();
+        let is_large = |i: &usize| errors[*i] > LARGE_M;
+        let large = (0..cells).filter(is_large).count();
+        let share = order.shares_of_last((1.0 - LEAST_SURE) * cells as f64);
+        let found: f64 = (0..cells).filter(is_large).map(|i| share[i]).sum();
         (norm > 0.0).then(|| Self {
             rank_correlation: sum(&by_expected, &by_error) / norm,
-            large_in_least_sure_fifth: (large > 0).then(|| found as f64 / large as f64),
+            large_in_least_sure_fifth: (large > 0).then(|| found / large as f64),
             expected_mae_m: expected.iter().map(|e| f64::from(*e)).sum::<f64>() / cells as f64,
             cells,
         })
     }
 }
 
-/// The rank of each value, from 0; equal values share the mean of their ranks.
-fn ranks(values: &[f32]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.par_sort_unstable_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let mut out = vec![0.0; values.len()];
-    let mut from = 0;
-    for equal in order.chunk_by(|a, b| values[*a] == values[*b]) {
-        let rank = from as f64 + 0.5 * (equal.len() as f64 - 1.0);
-        equal.iter().for_each(|i| out[*i] = rank);
-        from += equal.len();
+/// Values in ascending order.
+struct Order<'a> {
+    values: &'a [f32],
+    indices: Vec<usize>,
+}
+
+impl<'a> Order<'a> {
+    fn of(values: &'a [f32]) -> Self {
+        let mut indices: Vec<usize> = (0..values.len()).collect();
+        indices.par_sort_unstable_by(|a, b| values[*a].total_cmp(&values[*b]));
+        Self { values, indices }
     }
-    out
+
+    /// A number for each value, by the first rank of those that are equal to it and by how many these are.
+    fn of_equal(&self, number: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+        let mut out = vec![0.0; self.values.len()];
+        let mut from = 0;
+        for equal in self.indices.chunk_by(|a, b| self.values[*a] == self.values[*b]) {
+            let number = number(from as f64, equal.len() as f64);
+            equal.iter().for_each(|i| out[*i] = number);
+            from += equal.len();
+        }
+        out
+    }
+
+    /// The rank of each value, from 0; equal values share the mean of their ranks.
+    fn ranks(&self) -> Vec<f64> {
+        self.of_equal(|from, count| from + 0.5 * (count - 1.0))
+    }
+
+    /// For each value, the share of it that lies among those of rank `first` and above; equal values share alike.
+    fn shares_of_last(&self, first: f64) -> Vec<f64> {
+        self.of_equal(|from, count| ((from + count - first) / count).clamp(0.0, 1.0))
+    }
 }
 
 #[cfg(test)]
@@ -79,7 +102,15 @@ mod tests {
 
     #[test]
     fn equal_values_share_the_mean_of_their_ranks() {
-        assert_eq!(ranks(&[3.0, 1.0, 3.0, 0.5]), [2.5, 1.0, 2.5, 0.0]);
+        assert_eq!(Order::of(&[3.0, 1.0, 3.0, 0.5]).ranks(), [2.5, 1.0, 2.5, 0.0]);
+    }
+
+    #[test]
+    fn of_equal_expected_errors_a_part_is_among_the_largest() {
+        let expected = raster(|i| if i < 300 { 5.0 } else { 0.0 });
+        let errors = raster(|i| if i < 30 { 4.0 } else { 0.1 * (i % 7) as f32 });
+        let share = ErrorRanking::of(&expected, &errors).unwrap().large_in_least_sure_fifth.unwrap();
+        assert!((share - 2.0 / 3.0).abs() < 1e-9, "{share}");
     }
 
     #[test]

@@ -47,7 +47,7 @@ mod visibility;
 pub use ground::{Ground, ground_plane};
 pub use occlusion::{OCCLUSION_TOLERANCE_M, occlusion_height};
 pub use pairs::{MatchError, angle_warning};
-pub use photographs::{MatchedDepth, MatchedPoint, Photograph, match_photographs, matched_points};
+pub use photographs::{MatchedPoint, Photograph, match_photographs, matched_points};
 pub use plane_sweep::{DSM_CELL_M, MAX_VOLUME, PlaneSweep, cell_m};
 pub use stereo::FEW_VIEWS;
 pub use surface::MatchedSurface;

@@ -100,7 +100,8 @@ fn evidence(prediction: &HeightRaster, asked: Option<&Path>) -> Result<Option<Ev
         (Ok(Some((views, expected_error))), _) => {
             let are_counted = views.valid().next().is_some();
             let confirmed = views.data.iter().map(|views| is_confirmed(*views)).collect();
-            let expected_error = expected_error?;
+            let expected_error =
+                if asked.is_some() { expected_error? } else { expected_error.ok().flatten() };
             Ok(are_counted.then_some(Evidence { confirmed, expected_error }))
         }
         (Err(source), Some(_)) => Err(source.into()),

@@ -77,7 +77,9 @@ pub fn prior_maps(
     let _lock = RunLock::make(folder)?;
     // What a user has written there about maps made before holds on.
     let before = PriorFolder::open(folder)?.description().clone();
-    let description = PriorDescription { kind: kind.or(before.kind), ..before };
+    // Matching has measured its depths; what another maker gives is of another kind.
+    let kept = before.kind.filter(|kind| *kind != DepthKind::Measured);
+    let description = PriorDescription { kind: kind.or(kept), ..before };
     let existing = if overwrite { ExistingMaps::Replace } else { ExistingMaps::Keep };
     // Views that are held back must not help to find what the others show.
     let is_made = |view: &&PerspectiveView| !is_stereo || view.role == Role::Train;

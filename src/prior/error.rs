@@ -282,3 +282,14 @@ pub enum PriorError {
     #[diagnostic(transparent)]
     Write(#[from] WriteError),
 }
+
+impl PriorError {
+    /// Whether the maps themselves cannot be used: there are none, or they contradict the scene.
+    #[must_use]
+    pub fn is_of_maps(&self) -> bool {
+        matches!(
+            self,
+            Self::Unusable { .. } | Self::NoFiles { .. } | Self::OtherScene { .. } | Self::Opposite { .. }
+        )
+    }
+}

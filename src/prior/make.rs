@@ -1,4 +1,4 @@
-//! Folders of maps that a network or a command makes, one for each image, as [`PriorFolder`] reads them.
+//! Folders of maps that a network, a command or matching makes, one for each image, as [`PriorFolder`] reads them.
 
 use super::command::PriorCommand;
 use super::error::PriorError;
@@ -21,6 +21,8 @@ use std::time::Duration;
 
 /// The file that records from what maps were made.
 const RECORD: &str = "made_from.json";
+/// What is wrong with views of which matching finds nothing.
+const NO_DEPTHS: &str = "has no depth that other views confirm";
 
 /// What happens to maps that are in a folder already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,10 +49,13 @@ pub struct MadeMaps {
 /// From what the maps of a folder were made.
 #[derive(Default, Serialize, Deserialize)]
 struct Record {
-    /// The network or the command, for a reader.
+    /// What made them, for a reader.
     made_by: String,
     /// The hash of maker and image, by the name of the map.
     maps: BTreeMap<String, String>,
+    /// The same of views of which matching found nothing.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    empty: BTreeMap<String, String>,
 }
 
 /// Makes the maps of views in a folder, and writes `description` there as `prior.json`.
@@ -105,23 +110,27 @@ impl Work<'_> {
         // Without a record, or with a damaged one, no map is known.
         let mut record: Record = read_json(&path).unwrap_or_default();
         let hashes = self.hashes(views)?;
-        let is_kept = |view: &PerspectiveView, hash: &String| {
-            // Matching records views of which it finds nothing, too.
-            let is_there = *self.maker == PriorMaker::Stereo || self.file(view).is_some();
-            existing != ExistingMaps::Replace && record.maps.get(&view.name) == Some(hash) && is_there
+        let is_kept = |(view, hash): &(&PerspectiveView, String)| {
+            let is_there = record.maps.get(&view.name) == Some(hash) && self.file(view).is_some();
+            existing != ExistingMaps::Replace && is_there
+        };
+        let is_empty = |(view, hash): &(&PerspectiveView, String)| {
+            existing != ExistingMaps::Replace && record.empty.get(&view.name) == Some(hash)
         };
         let all = views.iter().copied().zip(hashes);
-        let (kept, missing): (Vec<_>, Vec<_>) = all.partition(|(view, hash)| is_kept(view, hash));
+        let (kept, others): (Vec<_>, Vec<_>) = all.partition(is_kept);
+        let (empty, missing): (Vec<_>, Vec<_>) = others.into_iter().partition(is_empty);
         let replaced = missing.iter().find_map(|(view, _)| self.file(view));
         if let Some(path) = replaced.filter(|_| existing == ExistingMaps::Keep) {
             return Err(PriorError::OtherMap { path, maker: self.maker.to_string() });
         }
-        let mut done = MadeMaps { kept: kept.len(), ..MadeMaps::default() };
-        let is_measured = *self.maker == PriorMaker::Stereo && self.content == PriorContent::Depths;
-        let kind = if is_measured { Some(DepthKind::Measured) } else { description.kind };
-        write_json(&self.folder.join(DESCRIPTION), &PriorDescription { kind, ..description.clone() })?;
+        let mut done = MadeMaps { kept: kept.len(), left_out: empty.len(), made: 0 };
+        let of_stereo = PriorDescription { kind: Some(DepthKind::Measured), scale: None };
+        let is_stereo = *self.maker == PriorMaker::Stereo;
+        write_json(&self.folder.join(DESCRIPTION), if is_stereo { &of_stereo } else { description })?;
         if missing.is_empty() {
-            return Ok(done);
+            let none = empty.first().filter(|_| kept.is_empty());
+            return none.map_or(Ok(done), |(view, _)| Err(self.unusable(view, NO_DEPTHS.into())));
         }
         record.made_by = self.maker.to_string();
         let stage = match self.content {
@@ -191,18 +200,23 @@ impl Work<'_> {
             match self.accept(&file, view) {
                 Ok(()) => {
                     done.made += 1;
+                    record.empty.remove(&view.name);
                     record.maps.insert(view.name.clone(), hash.clone());
                     write_json(&self.folder.join(RECORD), record)?;
                 }
                 Err(PriorError::Empty { fault: empty, .. }) => {
                     done.left_out += 1;
-                    let unusable = self.unusable(view, empty.into());
-                    if *self.maker == PriorMaker::Stereo {
-                        record.maps.insert(view.name.clone(), hash.clone());
-                        write_json(&self.folder.join(RECORD), record)?;
+                    // A map of another maker must not stand for this one's.
+                    self.remove(view)?;
+                    record.maps.remove(&view.name);
+                    let is_stereo = *self.maker == PriorMaker::Stereo;
+                    let unusable = self.unusable(view, if is_stereo { NO_DEPTHS } else { empty }.into());
+                    if is_stereo {
+                        record.empty.insert(view.name.clone(), hash.clone());
                     } else {
                         progress.event(Event::Warning(format!("{unusable}: the view has none")));
                     }
+                    write_json(&self.folder.join(RECORD), record)?;
                     fault = Some(unusable);
                 }
                 Err(PriorError::Shape { found, expected, .. }) => {
@@ -231,13 +245,16 @@ impl Work<'_> {
     fn accept(&self, file: &Path, view: &PerspectiveView) -> Result<(), PriorError> {
         PriorFolder::open(self.folder)?.check(file, view, self.content)?;
         let end = file.extension().unwrap_or_default().to_string_lossy();
-        for other in ENDS {
-            remove_if_there(&self.place(view, other))?;
-        }
+        self.remove(view)?;
         let place = self.place(view, &end);
         let moved = place.parent().map_or(Ok(()), std::fs::create_dir_all);
         moved.and_then(|()| std::fs::rename(file, &place)).map_err(|e| WriteError::new(&place, e))?;
         Ok(())
+    }
+
+    /// Removes the map of a view, if there is one.
+    fn remove(&self, view: &PerspectiveView) -> Result<(), PriorError> {
+        Ok(ENDS.iter().try_for_each(|end| remove_if_there(&self.place(view, end)))?)
     }
 
     fn place(&self, view: &PerspectiveView, end: &str) -> PathBuf {
@@ -263,7 +280,13 @@ impl Work<'_> {
             hasher.update(maker.as_bytes());
             for (view, image) in views.iter().zip(&images) {
                 hasher.update(image.as_bytes());
-                hasher.update(format!("{:?} {:?}", view.camera, view.masks).as_bytes());
+                let lens = (&view.camera, &view.lens_camera, &view.transparency);
+                hasher.update(format!("{lens:?}").as_bytes());
+                for mask in &view.masks {
+                    let content = vsi::content_hash(&mask.path).map_err(|e| ReadError::new(&mask.path, e))?;
+                    hasher.update(content.as_bytes());
+                    hasher.update(&[u8::from(mask.marks_used)]);
+                }
             }
             maker = hasher.finalize();
         }

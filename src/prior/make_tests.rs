@@ -237,6 +237,23 @@ fn a_command_that_gives_no_usable_map_is_named_with_its_image() {
 
 #[test]
 #[cfg(unix)]
+fn views_that_do_not_match_keep_no_maps_of_another_maker() {
+    let folder = tempfile::tempdir().unwrap();
+    let (views, maps) = (views(folder.path(), 2), folder.path().join("maps"));
+    let by = |maker: &PriorMaker| {
+        make(maker, PriorContent::Depths, &views, &maps, ExistingMaps::Update, &NoProgress)
+    };
+    assert_eq!(by(&copying(folder.path(), [48, 64])).unwrap(), counts(2, 0));
+    // The same again says the same.
+    for _ in 0..2 {
+        let error = by(&PriorMaker::Stereo).unwrap_err();
+        assert!(matches!(error, PriorError::Unusable { .. }), "{error}");
+        assert!(!maps.join("photo.0.npy").exists() && !maps.join("photo.1.npy").exists());
+    }
+}
+
+#[test]
+#[cfg(unix)]
 fn images_without_a_usable_map_are_left_out_unless_all_are() {
     let folder = tempfile::tempdir().unwrap();
     let views = views(folder.path(), 2);

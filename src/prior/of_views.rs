@@ -7,7 +7,7 @@ use super::make::{ExistingMaps, make_maps};
 use super::map::{DepthKind, PriorContent, ViewPriors};
 use super::normal_axes::{NormalAxes, compared_normals};
 use super::seen::{SeenPoint, seen_points};
-use super::source::PriorSource;
+use super::source::{PriorMaker, PriorSource};
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveView, point_normals};
 use crate::progress::{Event, Progress};
@@ -108,7 +108,11 @@ fn folder(
     match source {
         PriorSource::Folder(path) => PriorFolder::open(path),
         PriorSource::Maker(maker) => {
-            let folder = cache.join(content.to_string());
+            // Training may match the photographs beside the maps that it is given.
+            let folder = match maker {
+                PriorMaker::Stereo => cache.join(maker.to_string()),
+                _ => cache.join(content.to_string()),
+            };
             make_maps(maker, content, views, &folder, description, ExistingMaps::Update, progress)?;
             PriorFolder::open(&folder)
         }

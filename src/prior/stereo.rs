@@ -42,7 +42,7 @@ pub(super) fn stereo_maps(
     let cameras: Vec<PinholeCamera> = photographs.iter().map(|p| *p.camera()).collect();
     let found = match_photographs(photographs, progress).map_err(|_| interrupted())?;
     let all = views.par_iter().zip(&cameras).zip(&found);
-    Ok(all.map(|((view, camera), found)| of_file(view, camera, &found.depth)).collect())
+    Ok(all.map(|((view, camera), depth)| of_file(view, camera, depth)).collect())
 }
 
 /// About `most` points of the surface that views with depths in the unit of the scene show, with their colours.
@@ -53,20 +53,32 @@ pub fn stereo_points(
     views: &[(&PerspectiveView, &DepthPrior)],
     most: usize,
 ) -> Result<Vec<ScenePoint>, PerspectiveError> {
-    let cameras: Vec<PinholeCamera> = views.iter().map(|(view, _)| view.camera).collect();
-    let depths: Vec<&Grid2> = views.iter().map(|(_, depth)| &depth.values).collect();
-    let points = matched_points(&cameras, &depths, most);
+    let factor = |view: &PerspectiveView| Photograph::reduction(view.camera.size);
+    let cameras: Vec<PinholeCamera> =
+        views.iter().map(|(view, _)| view.camera.reduced(factor(view))).collect();
+    let depths: Vec<Grid2> = views.iter().map(|(view, depth)| every(&depth.values, factor(view))).collect();
+    let points = matched_points(&cameras, &depths.iter().collect::<Vec<_>>(), most);
     let of_view = |own: &[MatchedPoint]| -> Result<Vec<ScenePoint>, PerspectiveError> {
         let Some((view, _)) = own.first().and_then(|p| views.get(p.view)) else { return Ok(Vec::new()) };
-        let image = view.read_image()?;
-        let point =
-            |p: &MatchedPoint| Some(ScenePoint { position: p.position, rgb: color(&image, p.pixel)? });
+        let (image, factor) = (view.read_image()?, factor(view) as i64);
+        let point = |p: &MatchedPoint| {
+            let pixel = p.pixel.map(|at| at * factor + factor / 2);
+            Some(ScenePoint { position: p.position, rgb: color(&image, pixel)? })
+        };
         Ok(own.iter().filter_map(point).collect())
     };
     let by_view: Vec<&[MatchedPoint]> = points.chunk_by(|a, b| a.view == b.view).collect();
     let colored: Vec<Result<Vec<ScenePoint>, PerspectiveError>> =
         by_view.into_par_iter().map(of_view).collect();
     Ok(colored.into_iter().collect::<Result<Vec<_>, _>>()?.concat())
+}
+
+/// The values in the middle of squares of `factor` cells a side.
+fn every(values: &Grid2, factor: usize) -> Grid2 {
+    let middle = |at: usize| at * factor + factor / 2;
+    Grid2::from_fn(values.width / factor, values.height / factor, |col, row| {
+        values.at(middle(col), middle(row))
+    })
 }
 
 /// The colour of a pixel; outside of the image the mean of what it shows nearest to there, of the more the farther away. None where
@@ -112,8 +124,10 @@ fn gray(image: &ViewImage) -> Grid2 {
 fn of_file(view: &PerspectiveView, camera: &PinholeCamera, depth: &Grid2) -> Grid2 {
     let lens = &view.lens_camera;
     let size = DVec2::new(lens.size.0 as f64, lens.size.1 as f64);
-    let pixels = DVec2::new(depth.width as f64, depth.height as f64);
-    Grid2::from_rows(depth.width, depth.height, |row, line| {
+    // A reduced image leaves out what fills no pixel; the map has the proportions of the file.
+    let height = ((depth.width as f64 * size.y / size.x).round() as usize).max(1);
+    let pixels = DVec2::new(depth.width as f64, height as f64);
+    Grid2::from_rows(depth.width, height, |row, line| {
         for (col, out) in line.iter_mut().enumerate() {
             let at = (DVec2::new(col as f64, row as f64) + 0.5) * size / pixels - 0.5;
             let seen = (at - lens.principal) / lens.focal;

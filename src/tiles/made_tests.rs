@@ -58,7 +58,7 @@ impl Made<'_> {
             }
         });
         let mut plan = Plan {
-            schema: 1,
+            schema: super::plan::SCHEMA,
             satgs: "0.1.0".into(),
             plan_hash: "0".into(),
             epsg: EPSG,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Version of the layout of `tiles.json`.
-pub(super) const SCHEMA: u32 = 1;
+pub(super) const SCHEMA: u32 = 2;
 
 /// The tiles of a scene, and how they are trained and rendered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -369,7 +369,7 @@ mod tests {
         let mut wrong = good.clone();
         wrong.tiles.push(good.tiles[0].clone());
         assert!(wrong.check().is_err(), "two tiles of one ID");
-        assert!(Plan { schema: 2, ..good.clone() }.check().unwrap_err().contains("schema"));
+        assert!(Plan { schema: SCHEMA + 1, ..good.clone() }.check().unwrap_err().contains("schema"));
         assert!(Plan { resolution_m: f64::NAN, ..good.clone() }.check().is_err());
         let mut wrong = good.clone();
         wrong.tiles[0].core[2] = f64::INFINITY;

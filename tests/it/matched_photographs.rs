@@ -39,7 +39,7 @@ fn a_scene_without_points_starts_from_its_photographs() {
         std::fs::remove_dir_all(&points).unwrap();
         colmap::write(&points, &without, colmap::Format::Binary).unwrap();
         succeeds(&["run", &path("room"), "-o", &path("run"), "--iterations", "2", "-q"]);
-        assert!(folder.join("run/priors/depths/prior.json").is_file());
+        assert!(folder.join("run/priors/stereo/prior.json").is_file());
         let summary = std::fs::read_to_string(folder.join("run/train/summary.json")).unwrap();
         let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
         // Random points are 100,000; the images have fewer pixels.

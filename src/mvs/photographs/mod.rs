@@ -46,10 +46,15 @@ impl Photograph {
     /// reduced by a whole factor.
     #[must_use]
     pub fn new(camera: PinholeCamera, gray: Grid2) -> Self {
-        let pixels = (gray.width * gray.height) as f64;
-        let factor = (pixels / PIXELS).sqrt().round().max(1.0) as usize;
+        let factor = Self::reduction((gray.width, gray.height));
         let image = MatchImage::of_gray(gray, camera);
         Self(if factor == 1 { image } else { image.reduced(factor) })
+    }
+
+    /// The whole factor by which a photograph of so many columns and rows is reduced.
+    #[must_use]
+    pub fn reduction((width, height): (usize, usize)) -> usize {
+        ((width * height) as f64 / PIXELS).sqrt().round().max(1.0) as usize
     }
 
     /// The camera of the photograph as it is matched.
@@ -59,26 +64,12 @@ impl Photograph {
     }
 }
 
-/// The depths of a photograph.
-#[derive(Clone, Debug)]
-pub struct MatchedDepth {
-    /// Depth along the optical axis in each pixel of the photograph as it is matched, in the unit of the cameras; NaN where views do
-    /// not agree on one.
-    pub depth: Grid2,
-    /// Correlation with the source views, 0 to 1; 0 where there is no depth.
-    pub confidence: Grid2,
-    /// Indices of the source views, the best first.
-    pub sources: Vec<usize>,
-}
-
-/// The depths of photographs, in their order. Views that no other view helps have none.
+/// The depths of photographs along the optical axis, in their order: in each pixel of the photograph as it is matched, in the unit of
+/// the cameras; NaN where views do not agree on one.
 ///
 /// # Errors
 /// [`Interrupted`] when `progress` cancels.
-pub fn match_photographs(
-    views: Vec<Photograph>,
-    progress: &dyn Progress,
-) -> Result<Vec<MatchedDepth>, Interrupted> {
+pub fn match_photographs(views: Vec<Photograph>, progress: &dyn Progress) -> Result<Vec<Grid2>, Interrupted> {
     progress.event(Event::Started { stage: "matching photographs", total: 3 * views.len() as u64 });
     let fine: Vec<MatchImage<PinholeCamera>> = views.into_iter().map(|view| view.0).collect();
     let coarse: Vec<MatchImage<PinholeCamera>> =
@@ -94,8 +85,12 @@ pub fn match_photographs(
     let seen = found.confirmed(&coarse, COARSE_CHECK);
     let found = steps.search(&fine, &best, Some(&found.in_order(&seen)))?;
     let seen = found.confirmed(&fine, CHECK);
-    let depths = fine.iter().zip(found.in_order(&seen)).zip(best);
-    let depths = depths.map(|((view, map), sources)| MatchedDepth::new(&view.gray, map, sources));
+    let depths = fine.iter().zip(found.in_order(&seen)).map(|(view, map)| match map {
+        Some(RayMap { value: Grid2 { width, height, data }, .. }) => {
+            Grid2 { width: *width, height: *height, data: data.iter().map(|value| value.recip()).collect() }
+        }
+        None => Grid2::filled(view.gray.width, view.gray.height, f32::NAN),
+    });
     let depths = depths.collect();
     progress.event(Event::Finished);
     Ok(depths)
@@ -162,19 +157,6 @@ impl Steps<'_> {
             self.progress.event(Event::Advanced { done: self.done, status: String::new() });
         }
         Ok(found)
-    }
-}
-
-impl MatchedDepth {
-    fn new(gray: &Grid2, map: Option<&RayMap>, sources: Vec<usize>) -> Self {
-        let plane = |value| Grid2::filled(gray.width, gray.height, value);
-        let mut out = Self { depth: plane(f32::NAN), confidence: plane(0.0), sources };
-        if let Some(map) = map {
-            out.depth.data.iter_mut().zip(&map.value.data).for_each(|(depth, value)| *depth = value.recip());
-            let known = out.confidence.data.iter_mut().zip(&map.score.data).zip(&map.value.data);
-            known.filter(|(_, value)| !value.is_nan()).for_each(|((out, score), _)| *out = *score);
-        }
-        out
     }
 }
 

@@ -81,6 +81,7 @@ pub(super) fn nearby(cameras: &[PinholeCamera]) -> Vec<Vec<usize>> {
         };
         near.retain(|j| *j != i && distance(*j) > 0.0 && axis(i).dot(axis(*j)) >= least_cosine);
         near.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b)));
+        near.truncate(CANDIDATES.get());
         near
     };
     (0..cameras.len()).into_par_iter().map(of_view).collect()

@@ -19,7 +19,7 @@ use crate::io::write_json;
 use crate::perspective::{Layout, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::Model;
 use crate::prior::{
-    PriorContent, PriorError, PriorFolder, PriorMaker, PriorSource, PriorSources, ViewPriors, bring_together,
+    PriorContent, PriorFolder, PriorMaker, PriorSource, PriorSources, ViewPriors, bring_together,
     read_priors, sensor_priors, stereo_points,
 };
 use crate::progress::{Event, Progress};
@@ -256,7 +256,7 @@ fn matched_scene(
     let stereo = PriorSource::Maker(PriorMaker::Stereo);
     let sources = PriorSources { depths: Some(stereo), ..PriorSources::default() };
     let priors = match read_priors(&sources, &training, &[], &run.join(PRIORS), progress) {
-        Err(PriorError::Unusable { .. } | PriorError::NoFiles { .. }) => Vec::new(),
+        Err(e) if e.is_of_maps() => Vec::new(),
         priors => priors?,
     };
     let depths = training.iter().zip(&priors);
@@ -288,8 +288,8 @@ fn starts_from_matches(
     Ok(!has_own && prediction_of(run, &scene_fingerprint(scene)?)?.is_none())
 }
 
-/// The priors of all training views, in the frame of training: those that are asked for, else, where the recipe uses them, what the depth maps of RGB-D frames
-/// give. Says which loss terms are idle without them.
+/// The priors of all training views, in the frame of training: those that are asked for, else, where the recipe uses them, what the
+/// depth maps of RGB-D frames or matching of the photographs give. Says which loss terms are idle without them.
 fn priors(
     run: &Path,
     scene: &PerspectiveScene,
@@ -303,6 +303,8 @@ fn priors(
     let start = perspective.map(|p| p.start_points).unwrap_or_default();
     let training: Vec<&PerspectiveView> = working.training().collect();
     let has_sensor = has_sensor(scene);
+    // Nobody asked for matching: training does without it where it fails.
+    let is_unasked = options.priors.depths.is_none() && sources.depths.is_some();
     let weighs = |name| weights.get(name) > 0.0;
     let uses_depths = sources.depths.is_none()
         && (weighs("depth_prior") || weighs("depth_smoothness") || start.needs_depths());
@@ -315,7 +317,7 @@ fn priors(
         };
         progress.event(Event::Note(format!("the scene's own depth maps are the prior of {what}")));
     } else {
-        if options.priors.depths.is_none() && sources.depths.is_some() {
+        if is_unasked {
             let text = "without --depth-prior the depths are those that matching of the photographs finds";
             progress.event(Event::Note(text.into()));
         }
@@ -329,12 +331,11 @@ fn priors(
         let unit = frame.unit();
         let positions = start_points(scene, unit, options.reference_points)?;
         let positions: Vec<Point<Site>> = positions.iter().map(|p| p.position).collect();
-        priors = match read_priors(sources, &of_scene, &positions, &run.join(PRIORS), progress) {
-            Err(e @ (PriorError::Unusable { .. } | PriorError::NoFiles { .. }))
-                if options.priors == PriorSources::default() =>
-            {
+        let read = |sources| read_priors(sources, &of_scene, &positions, &run.join(PRIORS), progress);
+        priors = match read(sources) {
+            Err(e) if is_unasked && e.is_of_maps() => {
                 progress.event(Event::Note(format!("{e}: training goes on without depths")));
-                priors
+                read(&options.priors)?
             }
             priors => priors?,
         };
