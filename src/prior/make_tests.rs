@@ -244,6 +244,9 @@ fn views_that_do_not_match_keep_no_maps_of_another_maker() {
         make(maker, PriorContent::Depths, &views, &maps, ExistingMaps::Update, &NoProgress)
     };
     assert_eq!(by(&copying(folder.path(), [48, 64])).unwrap(), counts(2, 0));
+    for view in &views {
+        write_png_rgb(&view.image, SIZE.0, SIZE.1, &[90; 3 * SIZE.0 * SIZE.1]).unwrap();
+    }
     // The same again says the same.
     for _ in 0..2 {
         let error = by(&PriorMaker::Stereo).unwrap_err();
