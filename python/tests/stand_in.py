@@ -34,7 +34,7 @@ def write_plan(run: Path, behaviour: dict[str, Any] | None = None, columns: int 
         for name, (x, y) in places.items()
     ]
     run.mkdir(exist_ok=True)
-    (run / "tiles.json").write_text(json.dumps({"schema": 1, "satgs": "0.1.0", "plan_hash": "0", "tiles": tiles}))
+    (run / "tiles.json").write_text(json.dumps({"schema": 2, "satgs": "0.1.0", "plan_hash": "0", "tiles": tiles}))
     (run / "behaviour.json").write_text(json.dumps(behaviour or {}))
 
 
