@@ -14,8 +14,8 @@ use std::path::{Path, PathBuf};
 /// nadir with a high sun) without
 /// shadows. confidence.tif has four bands: opacity of the splats, standard deviation of their altitudes (m), number
 /// of views that see the cell: two or more confirm its height, otherwise it is filled in from the cells around it (--no-fill
-/// leaves such cells as nodata), and the error to expect of the height (m). Cells that fewer than two images cover are nodata. Points, mesh and hillshade of a surface
-/// that is replaced are written again, its scores in RUN/eval are removed.
+/// leaves such cells as nodata), and the error to expect of the height (m). Cells that fewer than two images cover are nodata.
+/// Points, mesh and hillshade of a surface that is replaced are written again, its scores in RUN/eval are removed.
 /// dsm.qml is a QGIS style for dsm.tif, hillshade.png a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {

@@ -6,7 +6,7 @@
 //! error holds 41 to 57 % of the errors above 2 m; a fifth cannot hold more than 57 to 100 % there.
 
 use super::{Dsm, is_confirmed};
-use crate::io::{Grid2, box_ranges, box_sums};
+use crate::io::{Grid2, box_means, box_ranges};
 use rayon::prelude::*;
 
 /// Radii of the squares around a cell in which cells without a confirmed height are counted, metres: the larger those that
@@ -34,12 +34,7 @@ impl Dsm {
         let steps = box_ranges(&self.height, cells(STEP_RADIUS_M));
         let is_open = |views: f32| f32::from(u8::from(!is_confirmed(views)));
         let open = Grid2 { width, height, data: views.data.iter().map(|views| is_open(*views)).collect() };
-        let ones = Grid2::filled(width, height, 1.0);
-        let shares = HOLE_RADII_M.map(|radius| {
-            let (mut share, all) = (box_sums(&open, cells(radius)), box_sums(&ones, cells(radius)));
-            share.data.iter_mut().zip(&all.data).for_each(|(share, all)| *share /= all);
-            share
-        });
+        let shares = HOLE_RADII_M.map(|radius| box_means(&open, cells(radius)));
         let confirmed_m = CONFIRMED_M.max(CONFIRMED_PX * self.confidence.height_of_pixel_m) as f32;
         let of_cell = |i: usize| {
             if self.height.data[i].is_nan() || views.data[i].is_nan() {

@@ -1,4 +1,4 @@
-//! Sums and ranges over the squares around the cells of a raster.
+//! Sums, means and ranges over the squares around the cells of a raster.
 
 use super::Grid2;
 
@@ -13,6 +13,18 @@ pub fn box_sums(values: &Grid2, radius: usize) -> Grid2 {
             sum -= col.checked_sub(radius).map_or(0.0, |first| row[first]);
         }
     })
+}
+
+/// Means over the squares of `radius` cells around every cell, as far as they lie in the grid.
+#[must_use]
+pub fn box_means(values: &Grid2, radius: usize) -> Grid2 {
+    let mut means = box_sums(values, radius);
+    let count = |at: usize, cells: usize| (at + radius + 1).min(cells) - at.saturating_sub(radius);
+    for (i, mean) in means.data.iter_mut().enumerate() {
+        let (col, row) = (i % values.width, i / values.width);
+        *mean /= (count(col, values.width) * count(row, values.height)) as f32;
+    }
+    means
 }
 
 /// Highest minus lowest value of the squares of `radius` cells around every cell; NaN counts for nothing.
@@ -51,12 +63,14 @@ mod tests {
     }
 
     #[test]
-    fn sums_and_ranges_are_those_of_the_squares_around_the_cells() {
+    fn sums_means_and_ranges_are_those_of_the_squares_around_the_cells() {
         let values = Grid2::from_fn(7, 5, |col, row| ((3 * col + 10 * row) % 11) as f32);
-        let (sums, ranges) = (box_sums(&values, 2), box_ranges(&values, 2));
+        let (sums, means, ranges) = (box_sums(&values, 2), box_means(&values, 2), box_ranges(&values, 2));
         for (col, row) in [(0, 0), (3, 2), (6, 4), (1, 3)] {
             let near = near(&values, col, row);
-            assert_eq!(sums.at(col, row), near.iter().sum::<f32>(), "{col} {row}");
+            let sum = near.iter().sum::<f32>();
+            assert_eq!(sums.at(col, row), sum, "{col} {row}");
+            assert_eq!(means.at(col, row), sum / near.len() as f32, "{col} {row}");
             let high = near.iter().copied().fold(f32::NAN, f32::max);
             let low = near.iter().copied().fold(f32::NAN, f32::min);
             assert_eq!(ranges.at(col, row), high - low, "{col} {row}");

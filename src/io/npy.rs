@@ -1,7 +1,7 @@
 //! Arrays of numbers in NumPy's `.npy` files (NumPy Enhancement Proposal 1).
 
 use super::error::{ReadError, WriteError};
-use super::{NumberKind, vsi, write_file};
+use super::{Grid2, NumberKind, vsi, write_file};
 use std::path::Path;
 
 /// First bytes of a file, before its version.
@@ -20,6 +20,13 @@ pub struct NpyArray {
     pub values: Vec<f32>,
     /// The type of the numbers in the file.
     pub kind: NumberKind,
+}
+
+/// A raster as rows of columns.
+impl From<Grid2> for NpyArray {
+    fn from(raster: Grid2) -> Self {
+        Self { shape: vec![raster.height, raster.width], values: raster.data, kind: NumberKind::Float }
+    }
 }
 
 impl NpyArray {

@@ -45,17 +45,19 @@ pub(super) fn consistent<C: RayCamera>(
         let mut value = Grid2::from_rows(map.value.width, map.value.height, |row, line| {
             for (col, out) in line.iter_mut().enumerate() {
                 let own = map.value.at(col, row);
+                *out = f32::NAN;
+                if own.is_nan() {
+                    continue;
+                }
+                let p = camera.point(Pixel::new(col as f64, row as f64), f64::from(own));
                 let agrees = |(other, values, tolerance): &&(&C, &Grid2, f32)| {
-                    let px = Pixel::new(col as f64, row as f64);
-                    let Some((px, expected)) = camera.seen_by(px, f64::from(own), other) else {
-                        return false;
-                    };
+                    let Some((px, expected)) = other.sees(p) else { return false };
                     let there = values.get(px.col.round() as i64, px.row.round() as i64);
                     (there - expected as f32).abs() <= *tolerance
                 };
-                let is_confirmed =
-                    !own.is_nan() && sources.iter().filter(agrees).take(needed).count() == needed;
-                *out = if is_confirmed { own } else { f32::NAN };
+                if sources.iter().filter(agrees).take(needed).count() == needed {
+                    *out = own;
+                }
             }
         });
         for _ in 0..2 {

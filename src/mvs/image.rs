@@ -17,8 +17,11 @@ pub(super) trait PixelCamera: Copy + Sync {
 
 /// A camera whose maps hold a value for each pixel that says where the surface lies on its ray.
 pub(super) trait RayCamera: PixelCamera {
-    /// Where another camera sees the point at a value on the ray of a pixel, and the value there; none if it lies behind it.
-    fn seen_by(&self, px: Pixel<CenterPx>, value: f64, other: &Self) -> Option<(Pixel<CenterPx>, f64)>;
+    /// The point at a value on the ray of a pixel.
+    fn point(&self, px: Pixel<CenterPx>, value: f64) -> Point<Site>;
+
+    /// Where the camera sees a point, and the value of the point there; none if it lies behind the camera.
+    fn sees(&self, p: Point<Site>) -> Option<(Pixel<CenterPx>, f64)>;
 }
 
 impl PixelCamera for ViewCamera {
@@ -33,9 +36,13 @@ impl PixelCamera for ViewCamera {
 
 /// Values are altitudes, site metres.
 impl RayCamera for ViewCamera {
-    fn seen_by(&self, px: Pixel<CenterPx>, value: f64, other: &Self) -> Option<(Pixel<CenterPx>, f64)> {
+    fn point(&self, px: Pixel<CenterPx>, value: f64) -> Point<Site> {
         let [x, y] = self.localize(px, value);
-        Some((other.project(Point::new(x, y, value)), value))
+        Point::new(x, y, value)
+    }
+
+    fn sees(&self, p: Point<Site>) -> Option<(Pixel<CenterPx>, f64)> {
+        Some((self.project(p), p.z()))
     }
 }
 
@@ -51,10 +58,13 @@ impl PixelCamera for PinholeCamera {
 
 /// Values are inverse depths along the optical axis.
 impl RayCamera for PinholeCamera {
-    fn seen_by(&self, px: Pixel<CenterPx>, value: f64, other: &Self) -> Option<(Pixel<CenterPx>, f64)> {
+    fn point(&self, px: Pixel<CenterPx>, value: f64) -> Point<Site> {
         let [x, y, z] = self.at_depth(px, value.recip());
-        let p = Point::new(x, y, z);
-        Some((other.project(p)?, other.depth(p).recip()))
+        Point::new(x, y, z)
+    }
+
+    fn sees(&self, p: Point<Site>) -> Option<(Pixel<CenterPx>, f64)> {
+        Some((self.project(p)?, self.depth(p).recip()))
     }
 }
 
@@ -120,8 +130,7 @@ impl MatchImage {
     /// What a pixel shows that lies at an altitude, site metres.
     pub fn point(&self, pixel: usize, altitude: f32) -> Point<Site> {
         let px = Pixel::new((pixel % self.gray.width) as f64, (pixel / self.gray.width) as f64);
-        let [x, y] = self.camera.localize(px, f64::from(altitude));
-        Point::new(x, y, f64::from(altitude))
+        self.camera.point(px, f64::from(altitude))
     }
 
     /// Gray value at the projection of a point, bilinear, in standard deviations above the mean of the image;

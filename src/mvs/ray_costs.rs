@@ -1,4 +1,4 @@
-//! The cost volume of a reference view: the matching cost of every altitude along the rays of its pixels.
+//! The cost volume of a reference view: the matching cost of every plane on the rays of its pixels.
 //!
 //! For each plane, the source views are resampled to the pixels of the reference view and compared by normalised
 //! cross-correlation in windows of three sizes. The smallest preserves edges, the larger ones resolve ambiguities.

@@ -8,9 +8,7 @@ use super::network::PriorNetwork;
 use super::process::LIMIT;
 use super::source::PriorMaker;
 use super::stereo::stereo_maps;
-use crate::io::{
-    Grid2, NpyArray, NumberKind, ReadError, WriteError, read_json, remove_if_there, vsi, write_json,
-};
+use crate::io::{Grid2, NpyArray, ReadError, WriteError, read_json, remove_if_there, vsi, write_json};
 use crate::perspective::PerspectiveView;
 use crate::progress::{Event, Progress};
 use rayon::prelude::*;
@@ -188,12 +186,7 @@ impl Work<'_> {
                 Loaded::Maps(maps) => {
                     let file = staging.path().join("map.npy");
                     let map = maps.next().unwrap_or_else(|| Grid2::filled(1, 1, f32::NAN));
-                    NpyArray {
-                        shape: vec![map.height, map.width],
-                        kind: NumberKind::Float,
-                        values: map.data,
-                    }
-                    .write(&file)?;
+                    NpyArray::from(map).write(&file)?;
                     file
                 }
             };

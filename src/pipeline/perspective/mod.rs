@@ -8,6 +8,7 @@ mod images;
 mod manifest;
 mod render;
 mod prior_pictures;
+mod priors;
 mod reading;
 mod run;
 mod scene_fingerprint;

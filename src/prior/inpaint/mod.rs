@@ -3,9 +3,7 @@
 use super::error::PriorError;
 use super::process::{Call, LIMIT};
 use super::pseudo_views::PseudoView;
-use crate::io::{
-    ImageFile, NpyArray, NumberKind, ReadError, WriteError, vsi, write_file, write_png_gray, write_png_rgb,
-};
+use crate::io::{ImageFile, NpyArray, ReadError, WriteError, vsi, write_file, write_png_gray, write_png_rgb};
 use crate::progress::{Event, Progress};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -106,8 +104,7 @@ impl InpaintCommand {
             write_png_rgb(rgb, width, height, view.colors.as_flattened())?;
             let holes: Vec<u8> = view.hole.iter().map(|hole| if *hole { 255 } else { 0 }).collect();
             write_png_gray(mask, width, height, &holes)?;
-            let values = view.depth.data.clone();
-            NpyArray { shape: vec![height, width], values, kind: NumberKind::Float }.write(depth)?;
+            NpyArray::from(view.depth.clone()).write(depth)?;
             let words: Vec<OsString> = self.words.iter().map(|word| filled(word, &files)).collect();
             let call = Call { text: &self.text, words: &words, image: rgb, limit };
             let Some(said) = call.run(folder, progress)? else { return Ok(false) };
