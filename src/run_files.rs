@@ -10,12 +10,16 @@ pub const ADJUSTMENT_REPORT: &str = "report.json";
 pub const SPARSE_POINTS: &str = "points.laz";
 /// Site and cameras in its frame, with each view's radiometry.
 pub const CAMERAS: &str = "cameras.json";
-/// What an interrupted training goes on from.
-pub const CHECKPOINT: &str = "train/checkpoint.bin";
-/// A line an iteration of training.
-pub const TRAINING: &str = "train/train.csv";
-/// Folder of pictures of the training's progress.
-pub const SNAPSHOTS: &str = "train/snapshots";
+/// Folder of the training.
+pub const TRAIN_STAGE: &str = "train";
+/// What an interrupted training goes on from, in the folder of a training.
+pub const CHECKPOINT: &str = "checkpoint.bin";
+/// A line an iteration of training, in such a folder.
+pub const TRAINING_LOG: &str = "train.csv";
+/// Curves of the log, in such a folder.
+pub const TRAINING_CURVES: &str = "curves.svg";
+/// Folder of pictures of the training's progress, in such a folder.
+pub const SNAPSHOTS: &str = "snapshots";
 /// Folder of pictures of what priors of depths gave the training of photographs to start from.
 pub const START: &str = "train/start";
 /// Folder of pictures of priors beside what the training of photographs made.
@@ -38,10 +42,6 @@ pub const HEIGHT_SPLATS: &str = "train/splats.ply";
 pub const APPEARANCE: &str = "appearance.safetensors";
 /// Folder of the training of colours.
 pub const APPEARANCE_STAGE: &str = "appearance";
-/// Its log.
-pub const APPEARANCE_TRAINING: &str = "appearance/train.csv";
-/// Its checkpoint, while it goes on.
-pub const APPEARANCE_CHECKPOINT: &str = "appearance/checkpoint.bin";
 /// The surface that training started on.
 pub const FIRST_SURFACE: &str = "train/first_surface.tif";
 /// The surface model.

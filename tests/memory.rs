@@ -9,12 +9,12 @@ use satgs::affine::TrainingView;
 use satgs::io::Grid2;
 use satgs::splat::appearance::AppearanceKind;
 use satgs::splat::appearance::satgs::Cube;
-use satgs::splat::backend::cpu::CpuBackend;
-use satgs::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
+use satgs::splat::backend::{CpuBackend, DensifyPlan, StepPlan, StepReport, TrainingBackend, Wait};
 use satgs::splat::loss::{LossWeights, SurfaceDepth, TermInputs};
+use satgs::splat::recipe::NetworkRates;
+use satgs::splat::satellite::{SatelliteScene, SatelliteViews};
 use satgs::splat::splats::PerGroup;
 use satgs::splat::state::TrainingState;
-use satgs::splat::train::recipe::NetworkRates;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
 
@@ -65,7 +65,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-fn backend() -> CpuBackend {
+fn backend() -> CpuBackend<SatelliteViews> {
     let side = scene::side(PIXELS);
     let half_m = side as f64;
     let views: Vec<TrainingView> = (0..VIEWS)
@@ -86,8 +86,7 @@ fn backend() -> CpuBackend {
         .collect();
     let appearance = AppearanceKind::Affine;
     let state = TrainingState::start(scene::town(SPLATS, PIXELS, 1), appearance, VIEWS, 0);
-    let mut backend = CpuBackend::default();
-    let scene = TrainingScene {
+    let scene = SatelliteScene {
         views: views.into(),
         altitudes: (-3.0, 30.0),
         inputs: TermInputs::default(),
@@ -95,8 +94,7 @@ fn backend() -> CpuBackend {
         cube: Cube::default(),
         visibility: None,
     };
-    backend.load(scene, state).unwrap();
-    backend
+    CpuBackend::new(SatelliteViews::new(scene, state.splats.primitive()), state).unwrap()
 }
 
 /// An iteration with three renders and learning rates of zero, so that every iteration does the same work.

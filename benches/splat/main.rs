@@ -15,15 +15,15 @@ use satgs::camera::QuadraticKernel;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::appearance::satgs::Cube;
 use satgs::splat::appearance::{Appearance, AppearanceKind, ModelParameters};
-use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::photometric::Photometric;
 use satgs::splat::loss::{LossWeights, TermInputs, terms};
-use satgs::splat::objective::{Gradient, Objective, StepInput};
 use satgs::splat::primitive::PrimitiveKind;
 use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
+use satgs::splat::satellite::{Gradient, SatelliteObjective, SatelliteStep};
 use satgs::splat::sheared_camera::{ShearedCamera, SunView};
 use satgs::splat::splats::{PerGroup, Splats};
 use satgs::splat::state::TrainingState;
+use satgs::splat::stopwatch::Stopwatch;
 use std::time::Instant;
 
 /// Smallest number of runs, of which the fastest counts.
@@ -150,7 +150,7 @@ fn measure(splats: Splats, pixels: f64) -> Line {
     let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, &rates));
 
     let size = (side, side);
-    let mut input = StepInput {
+    let mut input = SatelliteStep {
         camera,
         target: &target,
         valid: &[],
@@ -169,14 +169,14 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         ("shadow_entropy", 0.01),
     ];
     let weights = LossWeights::of(&named).expect("the terms are registered");
-    let mut objective = Objective::<f32>::new(
+    let mut objective = SatelliteObjective::<f32>::new(
         PrimitiveKind::Ellipsoid,
         AppearanceKind::Affine.model(Cube::default()),
         terms(TermInputs::default()),
     );
     let values = Appearance::default().values;
     let appearance = ModelParameters { shared: &[], view: &values };
-    let mut iteration = |input: &StepInput<f32>| {
+    let mut iteration = |input: &SatelliteStep<f32>| {
         let mut run = |watch: &mut Stopwatch| {
             watch.begin();
             objective.evaluate(&trained, appearance, input, &weights, &mut gradient, watch);

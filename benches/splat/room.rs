@@ -6,11 +6,11 @@ use glam::{DMat3, DVec2, DVec3};
 use satgs::perspective::PinholeCamera;
 use satgs::random::CounterRng;
 use satgs::splat::adam::SplatAdam;
-use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::{LossWeights, SurfaceDepth, TermInputs, terms};
 use satgs::splat::pinhole::{NEAREST, PinholeStep, objective};
 use satgs::splat::seen_gradient::SeenGradient;
 use satgs::splat::splats::{PerGroup, Splats};
+use satgs::splat::stopwatch::Stopwatch;
 
 const SPLATS: usize = 300_000;
 const SIZE: (usize, usize) = (640, 480);

@@ -4,7 +4,7 @@ use super::{CliError, Ui, ba, parse_metres, train};
 use crate::mvs::DSM_CELL_M;
 use crate::pipeline::{Outcome, adjust};
 use crate::run_files::PLAN;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use crate::tiles::{Plan, PlanOptions, TileSurface, plan};
 use std::path::Path;
 

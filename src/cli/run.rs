@@ -6,7 +6,7 @@ use super::{CliError, Ui, ba, dsm, dsm_eval, mosaic, nvs_eval, plan, report, tra
 use crate::bundle::LeftOut;
 use crate::perspective::PerspectiveScene;
 use crate::pipeline::{PerspectiveRunOptions, RunOptions, StageResult, run_perspective};
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use crate::tiles::{SceneOptions, SceneResult, run as run_all};
 use std::path::{Path, PathBuf};
 

@@ -5,7 +5,7 @@ use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train
 use crate::prior::{DepthKind, InpaintCommand, PriorSource, PriorSources};
 use crate::run_files::SPLATS;
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::train::recipe::{Recipe, StartPoints};
+use crate::splat::recipe::{Recipe, StartPoints};
 use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: writes RUN/splats.ply and RUN/cameras.json

@@ -16,10 +16,10 @@ use rayon::prelude::*;
 pub enum HeightsFrom<'a> {
     /// The surface that was matched in the views before training.
     Matched(&'a MatchedSurface),
-    /// The splats, by [`RayHeight::Median`](crate::splat::train::recipe::RayHeight::Median) of three by three samples per
+    /// The splats, by [`RayHeight::Median`](crate::splat::recipe::RayHeight::Median) of three by three samples per
     /// cell; nodata where the accumulated opacity is below one half.
     Median,
-    /// The splats, by [`RayHeight::Mean`](crate::splat::train::recipe::RayHeight::Mean); nodata where no splat is.
+    /// The splats, by [`RayHeight::Mean`](crate::splat::recipe::RayHeight::Mean); nodata where no splat is.
     Mean {
         /// Altitude of the background behind the splats, metres above the origin of the site.
         floor: f32,

@@ -11,7 +11,7 @@ use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::io::{MapGrid, VerticalReference, check_writable};
 use crate::metrics::{HeightRaster, Truth, TruthOptions};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CHECKPOINT, DSM};
+use crate::run_files::{ADJUSTMENT, CHECKPOINT, DSM, TRAIN_STAGE};
 use crate::scene::Scene;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Res
     }
     let scene = read_scene(run)?;
     check_writable(&run.join(RECORD))?;
-    if run.join(CHECKPOINT).exists() {
+    if run.join(TRAIN_STAGE).join(CHECKPOINT).exists() {
         return Err(PipelineError::TrainingIncomplete { run: run.into() });
     }
     let adjustment = Adjustment::read_with_observations(&run.join(ADJUSTMENT))?;

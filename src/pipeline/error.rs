@@ -25,7 +25,7 @@ use crate::simulate::SimulateError;
 use crate::splat::appearance::satgs::AppearanceError;
 use crate::splat::backend::BackendError;
 use crate::splat::ply::PlyError;
-use crate::splat::train::recipe::RecipeError;
+use crate::splat::recipe::RecipeError;
 use crate::viewer::ViewerError;
 use std::path::PathBuf;
 

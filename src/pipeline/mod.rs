@@ -16,7 +16,6 @@ mod adjust;
 mod align;
 mod appearance;
 mod cameras;
-mod checkpoints;
 mod colmap_folder;
 mod datum;
 mod depth_views;
@@ -51,7 +50,7 @@ mod train;
 mod train_options;
 mod trained;
 mod training;
-mod training_files;
+mod training_stage;
 mod view;
 
 pub(crate) use adjust::adjust_locked;

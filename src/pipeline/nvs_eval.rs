@@ -11,7 +11,7 @@ use crate::progress::{Event, Progress};
 use crate::scene::Role;
 use crate::splat::image_score::fitted_pair;
 use crate::splat::loss::target::TargetImage;
-use crate::splat::novel_view::NovelView;
+use crate::splat::satellite::NovelView;
 use std::path::Path;
 
 /// Renders views of a trained run and compares them with their images.

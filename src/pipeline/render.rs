@@ -11,8 +11,8 @@ use crate::progress::{Event, Progress};
 use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
-use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::primitive::PrimitiveKind;
+use crate::splat::satellite::{NovelView, Picture};
 use std::path::{Path, PathBuf};
 
 /// Noon, hours.

@@ -13,8 +13,8 @@ use crate::scene::{Role, View};
 use crate::splat::appearance::Appearance;
 use crate::splat::harmonics::seen_along;
 use crate::splat::ply;
+use crate::splat::recipe::RayHeight;
 use crate::splat::splats::Splats;
-use crate::splat::train::recipe::RayHeight;
 use std::path::Path;
 
 /// Down: the direction in which a map looks.

@@ -2,14 +2,14 @@
 
 use super::appearance::OtherNetworks;
 use super::cameras::require_images;
-use super::checkpoints::Checkpoints;
 use super::predict::prediction_of;
 use super::report::renew_report;
-use super::stage::{Fingerprint, Outcome, Stage, adjustment_fingerprint, hash};
+use super::stage::{Fingerprint, Outcome, adjustment_fingerprint, hash};
 use super::tiled::{require_no_tile, require_one_area};
 use super::train_options::TrainOptions;
-use super::trained::{Trained, mean, mean_of_last};
+use super::trained::{Trained, mean};
 use super::training::Training;
+use super::training_stage::{Iterated, Snapshot, TrainingStage};
 use super::{
     PipelineError, RunLock, TrainedCameras, appearance, outdated, perspective, read_scene, relocation,
 };
@@ -17,17 +17,15 @@ use crate::affine::{SiteSceneError, median_pixel_m};
 use crate::mvs::MatchedSurface;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, CHECKPOINT, SPLATS};
+use crate::run_files::{CAMERAS, SPLATS, TRAIN_STAGE};
 use crate::scene::Scene;
 use crate::splat::appearance::satgs::Cube;
-use crate::splat::backend::cpu::CpuBackend;
-use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::loss::{Prior, TermInputs};
+use crate::splat::recipe::Recipe;
+use crate::splat::satellite::{SatelliteScene, SatelliteViews};
 use crate::splat::splats::Splats;
-use crate::splat::state::TrainingState;
+use crate::splat::train::Schedule;
 use crate::splat::train::expectation::Extent;
-use crate::splat::train::recipe::Recipe;
-use crate::splat::train::{LogLine, Schedule, train as optimize};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -112,8 +110,8 @@ fn train_heights(
     progress: &dyn Progress,
     surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
-    let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
-    let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
+    let fingerprint = fingerprint(run, options, &recipe)?;
+    let stage = TrainingStage::new(run, TRAIN_STAGE, &[SPLATS, CAMERAS], fingerprint, (options, progress));
     if stage.is_done(options.overwrite)? {
         progress.event(Event::Note(format!("`{}` is trained already", run.display())));
         return Ok(Outcome::Kept(stage.summary()?));
@@ -127,82 +125,68 @@ fn train_heights(
         let expected = extent.expectation(&training.recipe, threads);
         progress.event(Event::Note(expected.text(&extent, threads)));
     }
-    let views = training.setup.training_views(scene)?;
+    let views = Arc::new(training.setup.training_views(scene)?);
     if views.is_empty() {
         return Err(SiteSceneError::NoViews.into());
     }
-    let (every, is_required) = (options.checkpoint_every, options.resume);
-    let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
-    let taken_up = checkpoints.take_up(views.len(), options.overwrite, progress)?;
-    let is_new = taken_up.is_none();
+    let interrupted = stage.resume(views.len())?;
+    let is_new = interrupted.is_none();
     if is_new {
+        stage.remove_snapshots();
         training.match_surface(&views, progress)?;
     }
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
     let first = training.first_surface()?;
     training.bound_altitudes(first.as_ref());
-    let (at_start, mut log, state) = match taken_up {
-        Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
-        None => {
-            let (start, appearances) = training.splats_at_start(&views, first.as_ref(), progress)?;
-            let splats_at_start = start.splats.len();
-            let kind = training.recipe.appearance;
-            let mut state = TrainingState::start(start, kind, views.len(), options.seed);
-            let found = appearances.into_iter().filter(|a| a.kind == kind);
-            state.appearances.iter_mut().zip(found).for_each(|((appearance, _), found)| *appearance = found);
-            (splats_at_start, Vec::new(), state)
-        }
+    let mut iterated = match interrupted {
+        Some(interrupted) => interrupted,
+        None => Iterated::start(training.state_at_start(&views, first.as_ref(), progress)?),
     };
-    let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
-    let inputs = TermInputs { prior, lpips: None };
-    let schedule = Schedule {
-        recipe: &training.recipe,
-        views: views.len(),
-        half_side_m: training.setup.half_side_m(),
-        pixel_m: median_pixel_m(&views),
-        splats_at_start: at_start,
-        is_gray: views.iter().all(|view| view.is_gray),
-        seed: options.seed,
-    };
-    let views = Arc::new(views);
-    let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
-    let cube = Cube::around(training.setup.area, altitudes);
-    let mut backend = CpuBackend::default();
-    backend.load(
-        TrainingScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility: None },
-        state,
-    )?;
-    if !options.no_splats {
+    if options.no_splats {
+        stage.write_log(&[])?;
+    } else {
         if let Some(heights) = first.as_ref().filter(|_| is_new && !training.refines_surface()) {
-            let start = backend.snapshot()?;
-            let cameras = training.cameras(start, &views, first.as_ref());
-            surface_is_known(KnownSurface { cameras, splats: &start.splats, heights })?;
+            let cameras = training.cameras(&iterated.state, &views, first.as_ref());
+            surface_is_known(KnownSurface { cameras, splats: &iterated.state.splats, heights })?;
         }
-        progress.event(Event::Resumable(true));
-        let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
-        optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
-            training.take_picture(backend, &views, log.len() as u32, progress)?;
-            checkpoints.keep(at_start, log, backend, progress)
-        })?;
-        progress.event(Event::Resumable(false));
-        tracing::info!("{}", backend.times().table());
+        let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
+        let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
+        let scene = SatelliteScene {
+            views: views.clone(),
+            altitudes,
+            inputs: TermInputs { prior, lpips: None },
+            appearance,
+            cube: Cube::around(training.setup.area, altitudes),
+            visibility: None,
+        };
+        let schedule = Schedule {
+            recipe: &training.recipe,
+            views: views.len(),
+            half_side_m: training.setup.half_side_m(),
+            pixel_m: median_pixel_m(&views),
+            splats_at_start: iterated.splats_at_start,
+            is_gray: views.iter().all(|view| view.is_gray),
+            seed: options.seed,
+        };
+        let snapshot: Snapshot<_> = &|backend, done| training.picture(backend, &views, done);
+        let model = SatelliteViews::new(scene, iterated.state.splats.primitive());
+        (_, iterated) = stage.train(model, &schedule, iterated, Some(snapshot))?;
     }
-    let cameras = training.write(&mut backend, &views, first.as_ref(), &log)?;
-    let trained = figures(&cameras, &log, at_start, backend.snapshot()?.splats.len());
+    let cameras = training.write(&iterated.state, &views, first.as_ref())?;
+    let trained = summary(&cameras, &iterated);
     stage.complete(&trained)?;
-    checkpoints.remove();
     Ok(Outcome::Made(trained))
 }
 
-fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splats: usize) -> Trained {
+fn summary(cameras: &TrainedCameras, iterated: &Iterated) -> Trained {
     let fits = &cameras.setup.views;
     let views = cameras.appearances.len();
-    let of_images = |column| (!log.is_empty()).then(|| mean_of_last(log, views, column));
+    let of_images = |column| (!iterated.log.is_empty()).then(|| iterated.mean_of_last(views, column));
     Trained {
-        iterations: log.len() as u32,
-        seconds: log.last().map_or(0.0, |l| l.seconds),
-        splats_start,
-        splats,
+        iterations: iterated.log.len() as u32,
+        seconds: iterated.seconds(),
+        splats_start: iterated.splats_at_start,
+        splats: iterated.state.splats.len(),
         camera_rms_px: Some(mean(fits.iter().map(|v| v.rms_px))),
         camera_max_px: Some(fits.iter().map(|v| v.max_px).fold(0.0, f64::max)),
         l1: of_images("l1"),

@@ -4,7 +4,7 @@ use super::PipelineError;
 use crate::affine::SiteFrame;
 use crate::prior::{InpaintCommand, PriorSource, PriorSources};
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::train::recipe::{PerspectiveRecipe, Recipe, Start, StartPoints};
+use crate::splat::recipe::{PerspectiveRecipe, Recipe, Start, StartPoints};
 use std::path::{Path, PathBuf};
 
 /// How to train.

@@ -1,7 +1,6 @@
 //! The figures of a training.
 
 use super::stage::Outcome;
-use crate::splat::train::LogLine;
 use serde::{Deserialize, Serialize};
 
 /// The figures of a training.
@@ -60,11 +59,6 @@ impl Outcome<Trained> {
             Self::Kept(trained) => Self::Kept(trained.map(with)),
         }
     }
-}
-
-/// Mean of a column of the log over the last iteration of each of so many views; NaN of an empty log.
-pub(super) fn mean_of_last(log: &[LogLine], views: usize, column: &str) -> f64 {
-    mean(log[log.len().saturating_sub(views)..].iter().map(|line| line.column(column)))
 }
 
 /// Mean of values; NaN if there are none.

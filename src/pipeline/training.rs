@@ -1,29 +1,29 @@
 //! One training of a run: what it reads, starts from and writes.
 
 use super::stage::adjustment_fingerprint;
-use super::training_files::write_log;
 use super::{PipelineError, TrainOptions, TrainedCameras, predict};
 use crate::affine::{SiteScene, TrainingView};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
+use crate::io::RgbImage;
 use crate::io::write_json;
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep, angle_warning};
 use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
+use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SURFACE};
 use crate::scene::{Role, Scene, SearchedHeights};
 use crate::splat::anchored::StartSplats;
 use crate::splat::appearance::{Appearance, AppearanceKind, affine};
-use crate::splat::backend::TrainingBackend;
-use crate::splat::backend::cpu::CpuBackend;
+use crate::splat::backend::{BackendError, CpuBackend, TrainingBackend};
 use crate::splat::init;
 use crate::splat::ply;
 use crate::splat::primitive::PrimitiveKind;
+use crate::splat::recipe::{Recipe, Start};
+use crate::splat::satellite::SatelliteViews;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
-use crate::splat::train::recipe::{Recipe, Start};
-use crate::splat::train::{LogLine, pictures};
+use crate::splat::train::pictures;
 use std::path::Path;
 
 /// A training: what it is of, and how it is done.
@@ -69,7 +69,6 @@ impl<'a> Training<'a> {
         progress: &dyn Progress,
     ) -> Result<(), PipelineError> {
         let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
-        let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
         if let Some(sweep) = self.sweep(views) {
             let (origin_m, (low, high)) = (self.setup.site.origin.z(), self.setup.searched);
             let heights = SearchedHeights { low_m: origin_m + low, high_m: origin_m + high, ..self.heights };
@@ -92,9 +91,23 @@ impl<'a> Training<'a> {
         }
     }
 
-    /// The splats that training begins with on the `first` surface, if there is one, and the colour models of the views if these
-    /// were predicted with them.
-    pub fn splats_at_start(
+    /// The state that training begins with on the `first` surface, if there is one. The colour models of the views are those that
+    /// were predicted with the splats, if they were.
+    pub fn state_at_start(
+        &self,
+        views: &[TrainingView],
+        first: Option<&MatchedSurface>,
+        progress: &dyn Progress,
+    ) -> Result<TrainingState, PipelineError> {
+        let (start, appearances) = self.splats_at_start(views, first, progress)?;
+        let kind = self.recipe.appearance;
+        let mut state = TrainingState::start(start, kind, views.len(), self.options.seed);
+        let predicted = appearances.into_iter().filter(|appearance| appearance.kind == kind);
+        state.appearances.iter_mut().zip(predicted).for_each(|((own, _), predicted)| *own = predicted);
+        Ok(state)
+    }
+
+    fn splats_at_start(
         &self,
         views: &[TrainingView],
         first: Option<&MatchedSurface>,
@@ -168,31 +181,17 @@ impl<'a> Training<'a> {
         Ok(is_used.then(|| MatchedSurface::read(&path, &self.setup.site)).transpose()?)
     }
 
-    /// Writes a picture of the training after so many iterations, if one is due.
-    pub fn take_picture(
+    /// A picture of the training after so many iterations.
+    pub fn picture(
         &self,
-        backend: &mut CpuBackend,
+        backend: &mut CpuBackend<SatelliteViews>,
         views: &[TrainingView],
         done: u32,
-        progress: &dyn Progress,
-    ) -> Result<(), PipelineError> {
-        if !self.is_picture_due(done) {
-            return Ok(());
-        }
+    ) -> Result<RgbImage, BackendError> {
         let watched = self.setup.reference_among_training();
         let panels = pictures::Panels::new(&views[watched], done > self.recipe.shadows_from);
         let picture = backend.render(&panels.from, watched)?;
-        let canvas = panels.draw(picture, self.setup.altitudes);
-        // A picture less is no reason to stop.
-        if let Err(e) = canvas.write(&self.run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
-            progress.event(Event::Warning(e.to_string()));
-        }
-        Ok(())
-    }
-
-    /// Whether a picture is due after so many iterations.
-    pub fn is_picture_due(&self, done: u32) -> bool {
-        pictures::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations)
+        Ok(panels.draw(picture, self.setup.altitudes))
     }
 
     /// Whether the surface is matched once more, with the trained splats. Few views do not refine it.
@@ -220,14 +219,12 @@ impl<'a> Training<'a> {
     /// Writes what training made, of the surface that it started `from`, if there is one.
     pub fn write(
         &self,
-        backend: &mut CpuBackend,
+        made: &TrainingState,
         views: &[TrainingView],
         from: Option<&MatchedSurface>,
-        log: &[LogLine],
     ) -> Result<TrainedCameras, PipelineError> {
         let sweep = from.filter(|_| self.refines_surface()).and_then(|_| self.sweep(views));
         let run = self.run;
-        let made = backend.snapshot()?;
         if let Some(first) = from {
             let refined = sweep.map(|mut sweep| {
                 let trained = altitudes(&made.splats, &self.setup.site, &sweep.grid());
@@ -235,8 +232,6 @@ impl<'a> Training<'a> {
             });
             refined.as_ref().unwrap_or(first).write(&run.join(SURFACE))?;
         }
-        write_log(&run.join(TRAINING), log)?;
-        pictures::curves(log).write(&run.join("train/curves.svg"))?;
         let cameras = self.cameras(made, views, from);
         cameras.write_splats(run, &made.splats)?;
         if cameras.recipe.then.is_some() {

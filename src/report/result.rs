@@ -12,8 +12,8 @@ use crate::run_files::{
     SCENE, STAGE,
 };
 use crate::scene::{Role, Scene, angle_between_deg};
+use crate::splat::recipe::Recipe;
 use crate::splat::train::expectation::{Extent, best_convergence_deg};
-use crate::splat::train::recipe::Recipe;
 use crate::stats::quantile;
 use serde_json::Value;
 use std::fmt::Write;

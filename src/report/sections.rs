@@ -8,7 +8,8 @@ use crate::dsm::{CellCounts, VIEWS_BAND};
 use crate::io::{Chart, Grid2, MapGrid, ReadError, escape_xml, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
-    ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, ERROR_MAP, EVALUATION, METRICS, SCENE, STAGE, TRAINING,
+    ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, ERROR_MAP, EVALUATION, METRICS, SCENE, STAGE,
+    TRAIN_STAGE, TRAINING_LOG,
 };
 use crate::scene::{Role, Scene};
 use serde::de::DeserializeOwned;
@@ -121,7 +122,7 @@ pub fn adjustment(run: &Path) -> Result<String, ReportError> {
 
 /// Curves of the training.
 pub(super) fn training(run: &Path) -> Result<String, ReportError> {
-    let path = run.join(TRAINING);
+    let path = run.join(TRAIN_STAGE).join(TRAINING_LOG);
     if !path.exists() {
         return Ok(missing("train RUN"));
     }

@@ -2,9 +2,9 @@
 
 use crate::random::CounterRng;
 use crate::splat::edit::Edit;
+use crate::splat::recipe::Densification;
 use crate::splat::seen_gradient::SeenGradient;
 use crate::splat::splats::{Splats, sigmoid, unit_quaternion};
-use crate::splat::train::recipe::Densification;
 use glam::{Mat3, Quat, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -264,8 +264,8 @@ pub fn pruning(splats: &Splats, opacity: f64, largest_m: f64, altitudes: (f64, f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::splat::recipe::Recipe;
     use crate::splat::state::TrainingState;
-    use crate::splat::train::recipe::Recipe;
 
     fn state() -> TrainingState {
         let mut splats = Splats::default();

@@ -8,8 +8,8 @@
 
 use crate::splat::densify::{DensifyEdit, DensifyStats, Selection, SplitInto};
 use crate::splat::edit::Edit;
+use crate::splat::recipe::{ActiveGrowth, Densification};
 use crate::splat::splats::Splats;
-use crate::splat::train::recipe::{ActiveGrowth, Densification};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

@@ -5,7 +5,7 @@ use super::cells::{Cells, MapBox};
 use crate::io::{MapGrid, Window, read_json};
 use crate::pipeline::{PipelineError, hash, hash_file, made_from};
 use crate::run_files::{ADJUSTMENT, PLAN, SPARSE_POINTS, STAGE};
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

@@ -5,7 +5,7 @@ use super::plan::{PlannedFile, TileSurface, TileTraining, adjustment_hash};
 use crate::io::VerticalReference;
 use crate::mvs::DSM_CELL_M;
 use crate::pipeline::{Fingerprint, PipelineError, TrainOptions, hash, hash_file, or_none};
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use std::path::Path;
 
 /// Smallest side of a core, as a multiple of the overlap: strips on opposite sides of a tile must not touch.

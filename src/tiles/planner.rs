@@ -16,7 +16,7 @@ use crate::pipeline::{Outcome, PipelineError, RunLock, Stage, hash, read_scene};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, DSM, PLAN, STAGE, TILES};
 use crate::scene::{Aoi, ReadCost, Role, Scene, View, angle_between_deg, require_tiled_images};
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use crate::stats::bounds;
 use std::path::Path;
 

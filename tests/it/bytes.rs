@@ -11,7 +11,7 @@ use satgs::run_files::{ADJUSTMENT, DSM, SPLATS};
 use satgs::scene::{self, ReadOptions};
 use satgs::simulate::{SimulateOptions, simulate};
 use satgs::splat::ply;
-use satgs::splat::train::recipe::{Densification, Recipe};
+use satgs::splat::recipe::{Densification, Recipe};
 use std::path::Path;
 
 /// What a recipe gives.

@@ -7,7 +7,7 @@ use satgs::pipeline::{
     evaluate, nvs_eval, render, run, train,
 };
 use satgs::progress::{Event, NoProgress, Recorder};
-use satgs::run_files::{CAMERAS, CHECKPOINT, DSM, PAGE, SPLATS};
+use satgs::run_files::{CAMERAS, CHECKPOINT, DSM, PAGE, SPLATS, TRAIN_STAGE};
 use satgs::scene::{self, ReadOptions, Scene};
 use std::path::{Path, PathBuf};
 
@@ -74,7 +74,7 @@ fn stages_give_the_same_bytes_after_an_interruption() {
     let PipelineError::TrainingInterrupted { iterations, .. } = &stopped else { panic!("{stopped}") };
     assert!((20..ITERATIONS as usize).contains(iterations), "{stopped}");
     assert_eq!(stopped.kind(), ErrorKind::Interrupted);
-    assert!(broken.join(CHECKPOINT).exists() && !broken.join(SPLATS).exists());
+    assert!(broken.join(TRAIN_STAGE).join(CHECKPOINT).exists() && !broken.join(SPLATS).exists());
     let refused =
         align(&broken, &AlignOptions { reference: town.truth(), ..AlignOptions::default() }, &NoProgress);
     assert!(matches!(refused, Err(PipelineError::TrainingIncomplete { .. })));

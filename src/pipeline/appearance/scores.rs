@@ -11,10 +11,8 @@ use crate::run_files::{NVS_PICTURES, NVS_SCORES};
 use crate::scene::{Scene, days_of};
 use crate::splat::image_score::{ScoredPair, ScoredPart};
 use crate::splat::loss::target::TargetImage;
-use crate::splat::novel_view::{NovelView, Picture};
-use crate::splat::objective::StepInput;
 use crate::splat::raster::FrameCamera;
-use crate::splat::test_time::fit_view;
+use crate::splat::satellite::{NovelView, Picture, SatelliteStep, fit_view};
 use std::path::Path;
 
 /// Mean difference of colours that is shown in full red.
@@ -122,7 +120,7 @@ fn fit(
             (0..3).for_each(|c| *target.colors.at_mut(c, i % width, i / width) = 0.0);
         }
     }
-    let input = StepInput {
+    let input = SatelliteStep {
         camera: FrameCamera::new(&view.camera, view.size.0, view.size.1),
         target: &target.colors,
         valid: &target.valid,

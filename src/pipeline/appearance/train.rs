@@ -1,9 +1,8 @@
 //! The second training of a run, of colours for novel views.
 
-use super::super::checkpoints::Checkpoints;
-use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
-use super::super::trained::{TrainedColors, mean_of_last};
-use super::super::training_files::write_log;
+use super::super::stage::{Fingerprint, Outcome, hash, hash_file};
+use super::super::trained::TrainedColors;
+use super::super::training_stage::{Iterated, TrainingStage};
 use super::super::{PipelineError, TrainOptions, TrainedCameras};
 use super::trained::hash_of;
 use crate::affine::{SiteScene, median_pixel_m};
@@ -11,21 +10,16 @@ use crate::io::write_json;
 use crate::nn::features::{DenseFeatures, HandFeatures, OnnxFeatures};
 use crate::nn::lpips::Lpips;
 use crate::progress::{Event, Progress};
-use crate::run_files::{
-    APPEARANCE, APPEARANCE_CHECKPOINT, APPEARANCE_STAGE, APPEARANCE_TRAINING, CAMERAS, HEIGHT_SPLATS, SPLATS,
-    STAGE,
-};
+use crate::run_files::{APPEARANCE, APPEARANCE_STAGE, CAMERAS, HEIGHT_SPLATS, SPLATS, STAGE, TRAIN_STAGE};
 use crate::scene::{Role, Scene, TransferFunction};
 use crate::splat::appearance::satgs::{AppearanceContent, Cube, Networks, TrainedAppearance, TrainedView};
 use crate::splat::appearance::{Appearance, ModelParameters};
-use crate::splat::backend::cpu::CpuBackend;
-use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::loss::TermInputs;
-use crate::splat::novel_view::NovelView;
 use crate::splat::ply;
+use crate::splat::recipe::Recipe;
+use crate::splat::satellite::{NovelView, SatelliteScene, SatelliteViews};
 use crate::splat::state::TrainingState;
-use crate::splat::train::recipe::Recipe;
-use crate::splat::train::{Schedule, train as optimize};
+use crate::splat::train::Schedule;
 use crate::splat::visibility::{PatchVisibility, VisibilityModel};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -68,8 +62,11 @@ pub fn train_locked(
     scene: &Scene,
     progress: &dyn Progress,
 ) -> Result<Outcome<TrainedColors>, PipelineError> {
-    let outputs = [APPEARANCE, SPLATS].map(|name| run.join(name)).into();
-    let stage = Stage::new(run, APPEARANCE_STAGE, outputs, fingerprint(run, options, recipe)?);
+    let fingerprint = fingerprint(run, options, recipe)?;
+    // A training of heights may be resumed before that of colours has begun.
+    let options = &TrainOptions { resume: false, ..options.clone() };
+    let outputs = [APPEARANCE, SPLATS];
+    let stage = TrainingStage::new(run, APPEARANCE_STAGE, &outputs, fingerprint, (options, progress));
     if stage.is_done(options.overwrite)? {
         return Ok(Outcome::Kept(stage.summary()?));
     }
@@ -78,33 +75,23 @@ pub fn train_locked(
     // Colours are trained as the images show them.
     let setup = SiteScene { transfer_function: TransferFunction::default(), ..cameras.setup.clone() };
     let views = Arc::new(setup.training_views(scene)?);
-    let checkpoints = Checkpoints {
-        path: run.join(APPEARANCE_CHECKPOINT),
-        stage: &stage,
-        every: options.checkpoint_every,
-        is_required: false,
+    let iterated = match stage.resume(views.len())? {
+        Some(interrupted) => interrupted,
+        None => {
+            let splats = ply::read(&run.join(HEIGHT_SPLATS))?;
+            Iterated::start(TrainingState::start(splats, recipe.appearance, views.len(), options.seed))
+        }
     };
-    let (splats_at_start, mut log, state) =
-        match checkpoints.take_up(views.len(), options.overwrite, progress)? {
-            Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
-            None => {
-                let splats = ply::read(&run.join(HEIGHT_SPLATS))?;
-                let start = splats.len();
-                let state = TrainingState::start(splats, recipe.appearance, views.len(), options.seed);
-                (start, Vec::new(), state)
-            }
-        };
     let schedule = Schedule {
         recipe,
         views: views.len(),
         half_side_m: setup.half_side_m(),
         pixel_m: median_pixel_m(&views),
-        splats_at_start,
+        splats_at_start: iterated.splats_at_start,
         is_gray: views.iter().all(|view| view.is_gray),
         seed: options.seed,
     };
     let cube = Cube::around(setup.area, setup.altitudes);
-    let mut backend = CpuBackend::default();
     let (altitudes, appearance) = (setup.altitudes, recipe.appearance);
     let OtherNetworks { features, lpips } = networks;
     let visibility = recipe.uncertainty.map(|u| VisibilityModel::new(features, u, views.len()));
@@ -113,34 +100,24 @@ pub fn train_locked(
         progress.event(Event::Note(text.into()));
     }
     let inputs = TermInputs { prior: None, lpips };
-    let training = TrainingScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility };
-    backend.load(training, state)?;
-    progress.event(Event::Resumable(true));
-    optimize(
-        &mut backend,
-        &schedule,
-        &mut log,
-        progress,
-        |done| checkpoints.is_due(done),
-        |backend, log| checkpoints.keep(splats_at_start, log, backend, progress),
-    )?;
-    progress.event(Event::Resumable(false));
-    tracing::info!("{}", backend.times().table());
-    write_log(&run.join(APPEARANCE_TRAINING), &log)?;
+    let scene_of = SatelliteScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility };
+    let model = SatelliteViews::new(scene_of, iterated.state.splats.primitive());
+    let (model, iterated) = stage.train(model, &schedule, iterated, None)?;
     let trained = TrainedColors {
         iterations: recipe.iterations,
-        seconds: log.last().map_or(0.0, |l| l.seconds),
-        splats: backend.snapshot()?.splats.len(),
-        l1: mean_of_last(&log, views.len(), "l1"),
-        ssim: mean_of_last(&log, views.len(), "ssim"),
+        seconds: iterated.seconds(),
+        splats: iterated.state.splats.len(),
+        l1: iterated.mean_of_last(views.len(), "l1"),
+        ssim: iterated.mean_of_last(views.len(), "ssim"),
     };
-    let visibility = (0..views.len()).map(|view| backend.visibility(view)).collect::<Result<Vec<_>, _>>()?;
-    write(run, &setup, scene, visibility, (cube, recipe), backend.snapshot()?)?;
+    let state = &iterated.state;
+    let visibility =
+        (0..views.len()).map(|view| model.visibility(state, view)).collect::<Result<Vec<_>, _>>()?;
+    write(run, &setup, scene, visibility, (cube, recipe), state)?;
     // The splats have the colours of the reference view now.
     let as_they_are = cameras.appearances.iter().map(|(name, _)| (name.clone(), Appearance::default()));
     write_json(&run.join(CAMERAS), &TrainedCameras { appearances: as_they_are.collect(), ..cameras })?;
     stage.complete(&trained)?;
-    checkpoints.remove();
     Ok(Outcome::Made(trained))
 }
 
@@ -187,7 +164,7 @@ fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fi
     Ok(Fingerprint::from([
         ("--features".into(), file(&options.features)),
         ("--lpips".into(), file(&options.lpips)),
-        ("training for heights".into(), hash_file(&run.join("train").join(STAGE))),
+        ("training for heights".into(), hash_file(&run.join(TRAIN_STAGE).join(STAGE))),
         ("content of the recipe".into(), hash(choices.as_bytes())),
         ("--seed".into(), options.seed.to_string()),
     ]))

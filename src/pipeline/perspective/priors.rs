@@ -15,7 +15,7 @@ use crate::progress::{Event, Progress};
 use crate::run_files::PRIORS;
 use crate::splat::loss::LossWeights;
 use crate::splat::pinhole::WorkingFrame;
-use crate::splat::train::recipe::{Recipe, StartPoints};
+use crate::splat::recipe::{Recipe, StartPoints};
 use rayon::prelude::*;
 use std::path::Path;
 

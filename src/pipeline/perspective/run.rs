@@ -11,7 +11,7 @@ use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::progress::{Event, Progress};
 use crate::run_files::SCENE;
 use crate::scene::Role;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use std::path::{Path, PathBuf};
 
 /// Options of all stages.

@@ -15,8 +15,8 @@ use crate::scene::Role;
 use crate::splat::anchored::{Anchoring, StartSplats, nearest_anchors};
 use crate::splat::pinhole::{PinholeView, splats_at_points, splats_on_rays};
 use crate::splat::primitive::PrimitiveKind;
+use crate::splat::recipe::{Recipe, StartPoints};
 use crate::splat::splats::Splats;
-use crate::splat::train::recipe::{Recipe, StartPoints};
 use crate::stats::quantile;
 use std::path::Path;
 

@@ -1,12 +1,11 @@
 //! Training of a perspective scene.
 
 use super::super::PipelineError;
-use super::super::checkpoints::Checkpoints;
 use super::super::predict::{prediction_of, read_predicted};
-use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
+use super::super::stage::{Fingerprint, Outcome, hash, hash_file};
 use super::super::train_options::TrainOptions;
-use super::super::trained::{Trained, mean_of_last};
-use super::super::training_files::write_log;
+use super::super::trained::Trained;
+use super::super::training_stage::{Iterated, Snapshot, TrainingStage};
 use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::images::require_own_images;
 use super::manifest::PerspectiveManifest;
@@ -20,16 +19,16 @@ use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::Model;
 use crate::prior::{PriorContent, PriorFolder, PriorMaker, PriorSource};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, CHECKPOINT, PRIOR_PICTURES, SNAPSHOTS, SPLATS, START, TRAINING};
+use crate::run_files::{CAMERAS, PRIOR_PICTURES, SPLATS, START, TRAIN_STAGE};
 use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
-use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, WorkingFrame, comparison, extent_m};
+use crate::splat::pinhole::{PinholeView, PinholeViews, WorkingFrame, comparison, extent_m};
 use crate::splat::ply;
+use crate::splat::recipe::Recipe;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
-use crate::splat::train::recipe::Recipe;
-use crate::splat::train::{Schedule, pictures, train as optimize};
+use crate::splat::train::Schedule;
 use crate::stats::quantile;
 use rayon::prelude::*;
 use std::path::Path;
@@ -64,12 +63,10 @@ pub(super) fn train_scene(
 ) -> Result<Outcome<Trained>, PipelineError> {
     let recipe = options.perspective_recipe_for(scene.training().count())?;
     let frame = WorkingFrame::of(scene)?;
-    let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
-    let stage = Stage::new(run, "train", outputs, fingerprint(run, scene, &frame, options, &recipe)?);
+    let fingerprint = fingerprint(run, scene, &frame, options, &recipe)?;
+    let stage = TrainingStage::new(run, TRAIN_STAGE, &[SPLATS, CAMERAS], fingerprint, (options, progress));
     let is_done = stage.is_done(options.overwrite)?;
-    let (every, is_required) = (options.checkpoint_every, options.resume);
-    let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
-    let taken_up = if is_done { None } else { checkpoints.take_up(0, options.overwrite, progress)? };
+    let interrupted = if is_done { None } else { stage.resume(0)? };
     manifest.write(run)?;
     if is_done {
         progress.event(Event::Note(format!("`{}` is trained already", run.display())));
@@ -87,19 +84,17 @@ pub(super) fn train_scene(
     let views = views.into_iter().zip(priors);
     let views: Vec<PinholeView> = views.map(|(view, priors)| view.with_priors(priors)).collect();
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
-    let (at_start, mut log, state) = match taken_up {
-        Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
+    let iterated = match interrupted {
+        Some(interrupted) => interrupted,
         None => {
-            let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
+            stage.remove_snapshots();
             let _ = std::fs::remove_dir_all(run.join(START));
             let _ = std::fs::remove_dir_all(run.join(PRIOR_PICTURES));
             let site = scene.georeference.as_ref().map(|g| &g.grid);
             let predicted = read_predicted(run, &scene_fingerprint(scene)?, site)?;
             let predicted = predicted.map(|(splats, _)| frame.enter_splats(splats));
             let start = splats_at_start(&working, predicted, &views, &recipe, options, run, progress)?;
-            let (count, appearance) = (start.splats.len(), AppearanceKind::default());
-            let state = TrainingState::start(start, appearance, 0, options.seed);
-            (count, Vec::new(), state)
+            Iterated::start(TrainingState::start(start, AppearanceKind::default(), 0, options.seed))
         }
     };
     let schedule = Schedule {
@@ -107,33 +102,17 @@ pub(super) fn train_scene(
         views: views.len(),
         half_side_m: extent_m(&cameras),
         pixel_m: 0.0,
-        splats_at_start: at_start,
+        splats_at_start: iterated.splats_at_start,
         is_gray: false,
         seed: options.seed,
     };
     let views = Arc::new(views);
-    let mut backend = PinholeBackend::default();
-    backend.load(PinholeScene { views: views.clone() }, state)?;
-    progress.event(Event::Resumable(true));
-    let is_picture_due = |done: u32| pictures::is_snapshot_due(options.snapshots, done, recipe.iterations);
-    let is_due = |done: u32| is_picture_due(done) || checkpoints.is_due(done);
-    optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
-        let done = log.len() as u32;
-        if is_picture_due(done) {
-            let shown = comparison(&views[0], &backend.render(&views[0].camera, 0)?);
-            // A picture less is no reason to stop.
-            if let Err(e) = shown.write(&run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
-                progress.event(Event::Warning(e.to_string()));
-            }
-        }
-        checkpoints.keep(at_start, log, backend, progress)
-    })?;
-    progress.event(Event::Resumable(false));
+    let model = PinholeViews::new(views.clone(), iterated.state.splats.primitive());
+    let snapshot: Snapshot<_> =
+        &|backend, _| Ok(comparison(&views[0], &backend.render(&views[0].camera, 0)?));
+    let (_, iterated) = stage.train(model, &schedule, iterated, Some(snapshot))?;
 
-    tracing::info!("{}", backend.times().table());
-    let splats = &backend.snapshot()?.splats;
-    write_log(&run.join(TRAINING), &log)?;
-    pictures::curves(&log).write(&run.join("train/curves.svg"))?;
+    let splats = &iterated.state.splats;
     if let Err(e) = prior_pictures::write_pictures(&run.join(PRIOR_PICTURES), &views, splats) {
         progress.event(Event::Warning(e.to_string()));
     }
@@ -141,17 +120,16 @@ pub(super) fn train_scene(
     let cameras = write_trained(run, scene, &frame, &splats, recipe)?;
     let trained = Trained {
         iterations: cameras.recipe.iterations,
-        seconds: log.last().map_or(0.0, |l| l.seconds),
-        splats_start: at_start,
+        seconds: iterated.seconds(),
+        splats_start: iterated.splats_at_start,
         splats: splats.len(),
         camera_rms_px: None,
         camera_max_px: None,
-        l1: Some(mean_of_last(&log, views.len(), "l1")),
-        ssim: Some(mean_of_last(&log, views.len(), "ssim")),
+        l1: Some(iterated.mean_of_last(views.len(), "l1")),
+        ssim: Some(iterated.mean_of_last(views.len(), "ssim")),
         colors: None,
     };
     stage.complete(&trained)?;
-    checkpoints.remove();
     Ok(Outcome::Made(trained))
 }
 

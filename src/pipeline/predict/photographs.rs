@@ -17,7 +17,7 @@ use crate::run_files::{PREDICTED, PREDICTED_LIGHTS};
 use crate::splat::appearance::Appearance;
 use crate::splat::pinhole::WorkingFrame;
 use crate::splat::ply;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use std::path::Path;
 use std::time::Instant;
 

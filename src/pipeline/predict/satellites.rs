@@ -19,7 +19,7 @@ use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, PREDICTED, PREDICTED_
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use crate::stats::median;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

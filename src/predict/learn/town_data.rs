@@ -16,12 +16,12 @@ use crate::progress::{Event, NoProgress, Progress};
 use crate::simulate::{Relief, SimulateOptions, Terrain};
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::appearance::{AppearanceKind, ModelParameters};
-use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::loss::{LossTerm, LossWeights, TermInputs, WeightError, terms};
-use crate::splat::objective::{Gradient, Objective, StepInput};
+use crate::splat::loss::{LossWeights, TermInputs, WeightError, terms};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::FrameCamera;
+use crate::splat::satellite::{Gradient, SatelliteObjective, SatelliteStep};
 use crate::splat::splats::Splats;
+use crate::splat::stopwatch::Stopwatch;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -157,16 +157,15 @@ impl TownTarget {
         Some(Self { town: town.clone(), camera, crop, appearance: light.appearance().values })
     }
 
-    fn objective(&self) -> Objective<f32> {
-        let terms: Vec<Box<dyn LossTerm<f32>>> =
-            terms(TermInputs { prior: Some(self.town.prior.clone()), lpips: None });
+    fn objective(&self) -> SatelliteObjective<f32> {
+        let terms = terms(TermInputs { prior: Some(self.town.prior.clone()), lpips: None });
         let cube = Cube { corner: [0.0; 3], side_m: 1.0 };
-        Objective::new(PrimitiveKind::Ellipsoid, AppearanceKind::Affine.model(cube), terms)
+        SatelliteObjective::new(PrimitiveKind::Ellipsoid, AppearanceKind::Affine.model(cube), terms)
     }
 
     /// What is rendered and compared.
-    fn step_input(&self, background: [f32; 3]) -> StepInput<'_, f32> {
-        StepInput {
+    fn step_input(&self, background: [f32; 3]) -> SatelliteStep<'_, f32> {
+        SatelliteStep {
             camera: self.camera,
             target: &self.crop.image,
             valid: &self.crop.valid,

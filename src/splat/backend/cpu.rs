@@ -1,90 +1,75 @@
 //! The CPU backend. It executes an iteration within `submit`.
 
-use super::stopwatch::Stopwatch;
-use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
-use crate::nn::adam::AdamRule;
-use crate::splat::appearance::ModelParameters;
+use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, ViewModel, Wait};
 use crate::splat::densify::DensifyCounts;
-use crate::splat::loss::target::TargetImage;
-use crate::splat::loss::terms;
-use crate::splat::novel_view::{NovelView, Picture};
-use crate::splat::objective::{Gradient, Losses, Objective, StepInput};
-use crate::splat::raster::FrameCamera;
-use crate::splat::sheared_camera::{ShearedCamera, SunView};
 use crate::splat::state::TrainingState;
-use crate::splat::visibility::PatchVisibility;
+use crate::splat::stopwatch::Stopwatch;
 
 /// Runs iterations on all threads of the current rayon pool.
-#[derive(Default)]
-pub struct CpuBackend {
-    loaded: Option<Loaded>,
+pub struct CpuBackend<M> {
+    model: M,
+    state: TrainingState,
     reports: Vec<StepReport>,
     watch: Stopwatch,
 }
 
-/// A loaded training with the buffers of its iterations.
-struct Loaded {
-    scene: TrainingScene,
-    state: TrainingState,
-    objective: Objective<f32>,
-    gradient: Gradient<f32>,
-    target: TargetImage,
-}
-
-impl CpuBackend {
-    /// The time that each part of the iterations took.
-    #[must_use]
-    pub fn times(&self) -> &Stopwatch {
-        &self.watch
-    }
-
-    /// The visibility of a view's patches; none where pixels count alike.
+impl<M: ViewModel> CpuBackend<M> {
+    /// A training of these views that starts from this state.
     ///
     /// # Errors
-    /// [`BackendError`] if no scene is loaded or it cannot be computed.
-    pub fn visibility(&self, view: usize) -> Result<Option<PatchVisibility>, BackendError> {
-        let Loaded { scene, state, .. } = self.loaded()?;
-        let patches = scene.visibility.as_ref().map(|model| model.patches(&state.visibility, view));
-        Ok(patches.transpose()?.flatten())
-    }
-
-    fn loaded(&self) -> Result<&Loaded, BackendError> {
-        self.loaded.as_ref().ok_or(BackendError::NotLoaded)
-    }
-}
-
-impl TrainingBackend for CpuBackend {
-    type Scene = TrainingScene;
-    type Viewpoint = NovelView;
-    type Picture = Picture;
-
-    fn load(&mut self, mut scene: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
-        let (found, expected) = (state.appearances.len(), scene.views.len());
+    /// [`BackendError::OtherScene`] if the state has another number of colour models than the views.
+    pub fn new(model: M, state: TrainingState) -> Result<Self, BackendError> {
+        let (found, expected) = (state.appearances.len(), model.appearances());
         if found != expected {
             return Err(BackendError::OtherScene { found, expected });
         }
-        let primitive = state.splats.primitive();
-        let objective = Objective::new(
-            primitive,
-            scene.appearance.model(scene.cube),
-            terms(std::mem::take(&mut scene.inputs)),
-        );
-        let (gradient, target) = (Gradient::default(), TargetImage::default());
-        self.loaded = Some(Loaded { scene, state, objective, gradient, target });
-        self.reports.clear();
-        Ok(())
+        Ok(Self { model, state, reports: Vec::new(), watch: Stopwatch::default() })
     }
 
-    fn submit(&mut self, plan: &StepPlan) -> Result<(), BackendError> {
-        let loaded = self.loaded.as_mut().ok_or(BackendError::NotLoaded)?;
-        let views = loaded.scene.views.len();
-        if plan.view >= views {
-            return Err(BackendError::NoView { view: plan.view, views });
+    /// The views and the state after the last iteration.
+    pub fn into_parts(self) -> (M, TrainingState) {
+        (self.model, self.state)
+    }
+
+    /// Refuses a view that the scene does not have.
+    fn require(&self, view: usize) -> Result<(), BackendError> {
+        let views = self.model.views();
+        if view < views { Ok(()) } else { Err(BackendError::NoView { view, views }) }
+    }
+
+    /// Densification, pruning and opacity reset after an iteration.
+    fn edit_splats(&mut self, plan: &DensifyPlan, iteration: u32) -> DensifyCounts {
+        let (altitudes, state) = (self.model.altitudes(), &mut self.state);
+        let mut counts = DensifyCounts::default();
+        if let Some((rule, half_side_m)) = &plan.densify {
+            counts.densified = state.densify(rule, *half_side_m, (plan.seed, u64::from(iteration)));
         }
-        let losses = loaded.step(plan, &mut self.watch)?;
-        let counts = loaded.edit_splats(&plan.densify, plan.iteration);
+        if let Some(opacity) = plan.prune_below {
+            let largest_m = plan.prune_above_m.unwrap_or(f64::INFINITY);
+            counts.pruned = state.prune(opacity, largest_m, altitudes.unwrap_or((f64::MIN, f64::MAX)));
+            state.statistics.reset(state.splats.len());
+        }
+        if let Some(opacity) = plan.reset_opacity {
+            state.reset_opacity(opacity);
+        }
+        if plan.prune_below.is_some() && altitudes.is_some() {
+            state.sort_by_altitude();
+        }
+        counts
+    }
+}
+
+impl<M: ViewModel> TrainingBackend for CpuBackend<M> {
+    type Viewpoint = M::Viewpoint;
+    type Picture = M::Picture;
+
+    fn submit(&mut self, plan: &StepPlan) -> Result<(), BackendError> {
+        self.require(plan.view)?;
+        self.watch.begin();
+        let losses = self.model.step(&mut self.state, plan, &mut self.watch)?;
+        let counts = self.edit_splats(&plan.densify, plan.iteration);
         self.watch.lap("splats", "densification and pruning");
-        let (splats, active) = (loaded.state.splats.len(), loaded.state.active.count());
+        let (splats, active) = (self.state.splats.len(), self.state.active.count());
         self.reports.push(StepReport { iteration: plan.iteration, losses, splats, active, counts });
         Ok(())
     }
@@ -94,291 +79,16 @@ impl TrainingBackend for CpuBackend {
         Ok(())
     }
 
-    fn render(&mut self, from: &NovelView, view: usize) -> Result<Picture, BackendError> {
-        let Loaded { scene, state, .. } = self.loaded()?;
-        let no_view = BackendError::NoView { view, views: scene.views.len() };
-        let (appearance, _) = state.appearances.get(view).ok_or(no_view)?;
-        let parameters = ModelParameters { shared: &state.shared.values, view: &appearance.values };
-        let model = scene.appearance.model(scene.cube);
-        Ok(from.picture_of(&state.splats, model, parameters, scene.altitudes))
+    fn render(&mut self, from: &M::Viewpoint, view: usize) -> Result<M::Picture, BackendError> {
+        self.require(view)?;
+        Ok(self.model.picture(&self.state, from, view))
     }
 
     fn snapshot(&mut self) -> Result<&TrainingState, BackendError> {
-        Ok(&self.loaded()?.state)
-    }
-}
-
-impl Loaded {
-    /// One iteration up to and including the optimiser's step.
-    fn step(&mut self, plan: &StepPlan, watch: &mut Stopwatch) -> Result<Losses, BackendError> {
-        watch.begin();
-        let Self { scene, state, objective, gradient, target } = self;
-        let view = &scene.views[plan.view];
-        let scale = 0.5f64.powi(plan.level as i32);
-        let camera = target.load(view, plan.level);
-        watch.lap("view", "image");
-        let size = (target.colors.width, target.colors.height);
-        let half_sides = [0.5 * size.0 as f64, 0.5 * size.1 as f64];
-        let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
-        let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
-        let TrainingState { splats, adam, appearances, shared, visibility, statistics, anchored, .. } = state;
-        let mask = match (&mut scene.visibility, plan.visibility) {
-            (Some(model), Some(share)) => model.mask(visibility, plan.view, size, share)?,
-            _ => None,
-        };
-        let input = StepInput {
-            camera: FrameCamera::new(&camera, size.0, size.1),
-            visibility: mask,
-            crop: plan.crop,
-            target: &target.colors,
-            valid: &target.valid,
-            sun: sun.map(|s| SunView::new(&camera, size, s, scene.altitudes)),
-            virtual_view: virtual_shear.map(|s| ShearedCamera::virtual_view(&camera, size, s)),
-            background: plan.background,
-            floor: scene.altitudes.0 as f32,
-            anchored: anchored.anchorings(),
-        };
-        let (appearance, appearance_adam) = &mut appearances[plan.view];
-        let share = plan.opacity_divisor.map_or(1.0, |divisor| splats.len() as f64 / divisor as f64);
-        let parameters = ModelParameters { shared: &shared.values, view: &appearance.values };
-        let weights = plan.weights.scaled(&["opacity"], share);
-        let losses = objective.evaluate(splats, parameters, &input, &weights, gradient, watch);
-
-        let to_half_sides = half_sides.map(|h| h as f32);
-        let in_half_sides = |i: usize| {
-            objective.mean2d_gradient(i).map(|g| [g[0] * to_half_sides[0], g[1] * to_half_sides[1]])
-        };
-        statistics.add_view(in_half_sides, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
-        watch.lap("splats", "statistics");
-
-        appearance_adam.step(
-            AdamRule::DEFAULT,
-            &mut appearance.values,
-            &gradient.appearance,
-            plan.appearance_rate,
-        );
-        shared.step(&gradient.shared, &plan.network_rates);
-        anchored.add_to_anchors(&mut gradient.splats);
-        anchored.step(splats, |splats| adam.step(splats, &gradient.splats, &plan.rates));
-        watch.lap("splats", "Adam");
-        if let (Some(_), 0, Some(model)) = (plan.visibility, plan.level, &mut scene.visibility) {
-            let draw = (plan.seed, plan.iteration.into());
-            model.observe(visibility, plan.view, &target.colors, objective.picture(), draw)?;
-            watch.lap("pixels", "visibility");
-        }
-        Ok(losses)
+        Ok(&self.state)
     }
 
-    /// Densification, pruning and opacity reset after an iteration.
-    fn edit_splats(&mut self, plan: &DensifyPlan, iteration: u32) -> DensifyCounts {
-        let (state, mut counts) = (&mut self.state, DensifyCounts::default());
-        if let Some((rule, half_side_m)) = &plan.densify {
-            counts.densified = state.densify(rule, *half_side_m, (plan.seed, u64::from(iteration)));
-        }
-        if let Some(opacity) = plan.prune_below {
-            counts.pruned =
-                state.prune(opacity, plan.prune_above_m.unwrap_or(f64::INFINITY), self.scene.altitudes);
-            state.statistics.reset(state.splats.len());
-        }
-        if let Some(opacity) = plan.reset_opacity {
-            state.reset_opacity(opacity);
-        }
-        if plan.prune_below.is_some() {
-            state.sort_by_altitude();
-        }
-        counts
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::affine::{TrainingView, ViewCamera};
-    use crate::frame::{Point, SiteGrid};
-    use crate::io::Grid2;
-    use crate::progress::NoProgress;
-    use crate::random::CounterRng;
-    use crate::splat::anchored::{Anchoring, StartSplats};
-    use crate::splat::appearance::AppearanceKind;
-    use crate::splat::appearance::satgs::Cube;
-    use crate::splat::loss::TermInputs;
-    use crate::splat::ply;
-    use crate::splat::splats::Splats;
-    use crate::splat::train::recipe::{Densification, OpacityReset, Recipe};
-    use crate::splat::train::{LogLine, Schedule, train};
-
-    /// A recipe with densification, shadows, consistency and an opacity reset within 200 iterations.
-    fn compressed() -> Recipe {
-        let mut recipe = Recipe::named("baeogs").unwrap();
-        recipe.iterations = 200;
-        recipe.half_resolution_until = 30;
-        recipe.shadows_from = 50;
-        recipe.check_every = 10;
-        recipe.densification = recipe.densification.map(|g| Densification { from: 20, until: 150, ..g });
-        recipe.reset = Some(OpacityReset {
-            every: 100,
-            opacity: 0.005,
-            opacity_loss_pause: 10,
-            densification_pause: 10,
-            until: None,
-        });
-        recipe
-    }
-
-    fn loaded(start: StartSplats) -> CpuBackend {
-        loaded_at(start, [0.0; 2])
-    }
-
-    /// A scene, and splats that were moved with it, whose middle lies east and north of the site's origin, metres.
-    fn loaded_at(start: StartSplats, [east, north]: [f64; 2]) -> CpuBackend {
-        let views: Vec<TrainingView> = (0..3u32)
-            .map(|v| {
-                let slope = 0.2 * (f64::from(v) - 1.0);
-                let linear = [[2.0, 0.0, slope], [0.0, -2.0, 0.3 - slope]];
-                let camera = ViewCamera::affine(linear, [29.5 - 2.0 * east, 27.5 + 2.0 * north]);
-                let mut draw = CounterRng::new(7, u64::from(v), 0, 0);
-                let mut pattern = |c: f64, r: f64| {
-                    (0.5 + 0.3 * (c * 0.3).sin() * (r * 0.2).cos() + 0.1 * draw.uniform()) as f32
-                };
-                let plane = Grid2::from_fn(60, 56, |c, r| pattern(c as f64, r as f64));
-                let area = (east - 14.0, north - 13.0, east + 14.0, north + 13.0);
-                TrainingView::new(format!("v{v}"), camera, Some([1.1, -0.8]), &[plane], area, (0.0, 0.0))
-            })
-            .collect();
-        let state = TrainingState::start(start, AppearanceKind::Affine, views.len(), 0);
-        let (altitudes, appearance, cube) = ((-5.0, 10.0), AppearanceKind::Affine, Cube::default());
-        let mut backend = CpuBackend::default();
-        backend
-            .load(
-                TrainingScene {
-                    views: views.into(),
-                    altitudes,
-                    inputs: TermInputs::default(),
-                    appearance,
-                    cube,
-                    visibility: None,
-                },
-                state,
-            )
-            .unwrap();
-        backend
-    }
-
-    /// Splats all over the views, one in seven anchored to the one before it.
-    fn splats_at_start() -> StartSplats {
-        let mut splats = Splats::default();
-        for i in 0..3000 {
-            let mut d = CounterRng::new(1, 0, 0, i);
-            let p = [28.0 * d.uniform() - 14.0, 26.0 * d.uniform() - 13.0, 3.0 * d.uniform()];
-            splats.push(p.map(|v| v as f32), 0.4, 0.9, [0.5; 3]);
-        }
-        let anchoring = |splat: u32| Anchoring { splat, anchor: splat - 1 };
-        let anchorings = (7..splats.len() as u32).step_by(7).map(anchoring).collect();
-        StartSplats { splats, anchorings }
-    }
-
-    fn schedule(recipe: &Recipe) -> Schedule<'_> {
-        Schedule {
-            recipe,
-            views: 3,
-            half_side_m: 20.0,
-            pixel_m: 0.3,
-            splats_at_start: 3000,
-            is_gray: false,
-            seed: 0,
-        }
-    }
-
-    fn trained(threads: usize) -> (TrainingState, Vec<usize>) {
-        let (state, log) = trained_by(&compressed(), loaded(splats_at_start()), threads);
-        (state, log.iter().map(|l| l.splats).collect())
-    }
-
-    fn trained_by(recipe: &Recipe, mut backend: CpuBackend, threads: usize) -> (TrainingState, Vec<LogLine>) {
-        let (schedule, mut log) = (schedule(recipe), Vec::new());
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let no_callback = |_: &mut CpuBackend, _: &[LogLine]| Ok::<_, BackendError>(());
-            train(&mut backend, &schedule, &mut log, &NoProgress, |_| false, no_callback)
-        })
-        .unwrap();
-        (backend.snapshot().unwrap().clone(), log)
-    }
-
-    #[test]
-    fn a_training_does_not_depend_on_where_the_origin_of_the_site_lies() {
-        for name in ["best", "eogs"] {
-            let recipe = Recipe { iterations: 120, ..Recipe::named(name).unwrap() };
-            let recipe =
-                Recipe { densification: recipe.densification.and(compressed().densification), ..recipe };
-            let recipe = Recipe { check_every: 10, shadows_from: 50, ..recipe };
-            let of = |[east, north]: [f64; 2]| {
-                let mut start = splats_at_start();
-                for p in &mut start.splats.position {
-                    *p = [p[0] + east as f32, p[1] + north as f32, p[2]];
-                }
-                let (state, log) = trained_by(&recipe, loaded_at(start, [east, north]), 2);
-                let l1 = log[90..].iter().map(|line| line.column("l1")).sum::<f64>() / 30.0;
-                (state.splats.len() as f64, l1)
-            };
-            let (at_origin, moved) = (of([0.0; 2]), of([640.0, -300.0]));
-            assert!((moved.0 / at_origin.0 - 1.0).abs() < 0.02, "{name}: {at_origin:?} and {moved:?}");
-            assert!((moved.1 / at_origin.1 - 1.0).abs() < 0.01, "{name}: {at_origin:?} and {moved:?}");
-        }
-    }
-
-    #[test]
-    fn a_splat_beyond_the_images_follows_its_anchor() {
-        let mut start = splats_at_start();
-        // Near the middle, and far away but at the same altitude, so that both stay neighbours in the order of altitudes.
-        let near = (0..3000).min_by_key(|i| {
-            start.splats.position[*i][..2].iter().map(|v| (100.0 * v.abs()) as i32).sum::<i32>()
-        });
-        let near = near.unwrap();
-        let [_, _, z] = start.splats.position[near];
-        start.splats.push([200.0, 0.0, z], 0.4, 0.9, [0.5; 3]);
-        start.anchorings = vec![Anchoring { splat: 3000, anchor: near as u32 }];
-        let mut backend = loaded(start);
-        let offset = |backend: &mut CpuBackend| {
-            let TrainingState { splats, anchored, .. } = backend.snapshot().unwrap();
-            let [Anchoring { splat, anchor }] = *anchored.anchorings() else { panic!("one is anchored") };
-            let (own, of_anchor) = (splats.position[splat as usize], splats.position[anchor as usize]);
-            (of_anchor, [0, 1, 2].map(|k| own[k] - of_anchor[k]))
-        };
-        let before = offset(&mut backend);
-        let mut recipe = compressed();
-        recipe.iterations = recipe.check_every - 1;
-        let no_callback = |_: &mut CpuBackend, _: &[LogLine]| Ok::<_, BackendError>(());
-        train(&mut backend, &schedule(&recipe), &mut Vec::new(), &NoProgress, |_| false, no_callback)
-            .unwrap();
-        let after = offset(&mut backend);
-        assert!(before.0 != after.0, "the anchor moved");
-        assert!((0..3).all(|k| (before.1[k] - after.1[k]).abs() < 1e-4), "{:?} {:?}", before.1, after.1);
-    }
-
-    #[test]
-    fn training_gives_the_same_bytes_with_1_2_and_16_threads() {
-        let folder = tempfile::tempdir().unwrap();
-        let bytes = |threads: usize| {
-            let (state, counts) = trained(threads);
-            let path = folder.path().join("splats.ply");
-            let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.0, -20.0) };
-            ply::write(&path, &state.splats, &site).unwrap();
-            (std::fs::read(&path).unwrap(), state, counts)
-        };
-        let one = bytes(1);
-        let state = &one.1;
-        // Most anchors were split or pruned.
-        let anchored = state.anchored.anchorings().len();
-        assert!((1..428).contains(&anchored) && state.fits(3), "{anchored} of 428 are still anchored");
-        for threads in [2, 16] {
-            // `assert_eq` would print megabytes.
-            assert!(bytes(threads) == one, "{threads} threads and one thread give different splats");
-        }
-        let counts = one.2;
-        assert!(
-            counts.windows(2).any(|c| c[1] > c[0]) && counts.windows(2).any(|c| c[1] < c[0]),
-            "{counts:?}"
-        );
+    fn times(&self) -> &Stopwatch {
+        &self.watch
     }
 }

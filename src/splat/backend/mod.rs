@@ -4,37 +4,19 @@
 //! Execution is asynchronous: a plan is submitted without waiting for the reports of earlier ones, so that a GPU need not
 //! copy results back in every iteration. No plan depends on a report.
 
-pub mod checkpoint;
-pub mod cpu;
-pub mod stopwatch;
+mod cpu;
+mod view_model;
 
-use super::appearance::AppearanceKind;
-use super::appearance::satgs::Cube;
+pub use cpu::CpuBackend;
+pub use view_model::ViewModel;
+
 use super::densify::DensifyCounts;
-use super::loss::{LossWeights, SurfaceDepth, TermInputs};
-use super::objective::Losses;
+use super::loss::{LossWeights, Losses, SurfaceDepth};
+use super::recipe::{Densification, NetworkRates};
 use super::splats::PerGroup;
 use super::state::TrainingState;
-use super::train::recipe::{Densification, NetworkRates};
-use super::visibility::{VisibilityError, VisibilityModel};
-use crate::affine::TrainingView;
-use std::sync::Arc;
-
-/// The input of a training of a satellite scene.
-pub struct TrainingScene {
-    /// The training views.
-    pub views: Arc<Vec<TrainingView>>,
-    /// Lowest and highest altitude of the scene, metres above the site's origin.
-    pub altitudes: (f64, f64),
-    /// What some loss terms need.
-    pub inputs: TermInputs<f32>,
-    /// The colour model of the views.
-    pub appearance: AppearanceKind,
-    /// The cube that networks of the colour model cover.
-    pub cube: Cube,
-    /// What compares images with pictures, to find pixels that other images do not confirm; none if all pixels count alike.
-    pub visibility: Option<VisibilityModel>,
-}
+use super::stopwatch::Stopwatch;
+use super::visibility::VisibilityError;
 
 /// The plan of one iteration.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,9 +109,6 @@ pub enum BackendError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Visibility(#[from] VisibilityError),
-    /// No scene was loaded.
-    #[error("no scene was loaded into the training backend")]
-    NotLoaded,
     /// The state has another number of views than the scene.
     #[error("the training state has {found} views, but the scene has {expected}")]
     OtherScene {
@@ -148,20 +127,12 @@ pub enum BackendError {
     },
 }
 
-/// Executes training iterations, on a CPU or another device.
+/// Executes the iterations of a training, on a CPU or another device.
 pub trait TrainingBackend {
-    /// The input of a training, which does not change while it runs.
-    type Scene;
     /// What a picture is rendered from.
     type Viewpoint;
     /// A rendered picture.
     type Picture;
-
-    /// Loads a scene and the state to start from; replaces what was loaded before.
-    ///
-    /// # Errors
-    /// [`BackendError::OtherScene`] if the state has another number of views than the scene.
-    fn load(&mut self, scene: Self::Scene, state: TrainingState) -> Result<(), BackendError>;
 
     /// Submits an iteration for execution.
     ///
@@ -187,4 +158,7 @@ pub trait TrainingBackend {
     /// # Errors
     /// [`BackendError`] of any submitted iteration.
     fn snapshot(&mut self) -> Result<&TrainingState, BackendError>;
+
+    /// The time that each part of the iterations took.
+    fn times(&self) -> &Stopwatch;
 }

@@ -20,12 +20,14 @@ pub mod shadow_entropy;
 pub mod surface_prior;
 pub mod target;
 mod term;
+mod term_set;
 mod terms;
 mod weights;
 
 pub use prior::Prior;
 pub use prior_targets::PriorTargets;
 pub use term::{ByView, DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
+pub use term_set::{Losses, Parts, TermSet};
 pub use terms::TermInputs;
 pub use weights::{LossWeights, WeightError};
 
@@ -38,8 +40,8 @@ macro_rules! loss_terms {
 
         /// All loss terms.
         #[must_use]
-        pub fn terms<T: SimdReal>(mut inputs: TermInputs<T>) -> Vec<Box<dyn LossTerm<T>>> {
-            vec![$(Box::new($path::$term::<T>::new(&mut inputs))),*]
+        pub fn terms<T: SimdReal>(mut inputs: TermInputs<T>) -> TermSet<T> {
+            TermSet::new(vec![$(Box::new($path::$term::<T>::new(&mut inputs))),*])
         }
     };
 }

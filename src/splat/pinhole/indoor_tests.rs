@@ -1,15 +1,15 @@
 //! Training by recipe `indoor` on a level floor without texture that four cameras see.
 
-use super::{PinholeBackend, PinholeScene, PinholeView};
+use super::{PinholeView, PinholeViews};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::prior::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
 use crate::progress::NoProgress;
 use crate::random::CounterRng;
-use crate::splat::backend::{BackendError, TrainingBackend};
+use crate::splat::backend::{BackendError, CpuBackend, TrainingBackend};
+use crate::splat::recipe::{Densification, PerspectiveRecipe, Recipe};
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
-use crate::splat::train::recipe::{Densification, PerspectiveRecipe, Recipe};
 use crate::splat::train::{LogLine, Schedule, train};
 use glam::{DMat3, DVec2, DVec3};
 
@@ -60,9 +60,9 @@ fn trained(recipe: &Recipe, threads: usize) -> (TrainingState, Vec<LogLine>) {
     let cameras = [camera(0.7, 0.6), camera(-0.6, 0.5), camera(0.4, -0.8), camera(-0.5, -0.6)];
     let view =
         |camera: PinholeCamera| PinholeView::new("v".into(), camera, &gray).with_priors(priors(&camera));
-    let scene = PinholeScene { views: cameras.map(view).to_vec().into() };
-    let mut backend = PinholeBackend::default();
-    backend.load(scene, TrainingState::start(discs(), Default::default(), 0, 0)).unwrap();
+    let state = TrainingState::start(discs(), Default::default(), 0, 0);
+    let views = PinholeViews::new(cameras.map(view).to_vec().into(), state.splats.primitive());
+    let mut backend = CpuBackend::new(views, state).unwrap();
     let schedule = Schedule {
         recipe,
         views: cameras.len(),
@@ -75,7 +75,7 @@ fn trained(recipe: &Recipe, threads: usize) -> (TrainingState, Vec<LogLine>) {
     let mut log = Vec::new();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {
-        let no_callback = |_: &mut PinholeBackend, _: &[LogLine]| Ok::<_, BackendError>(());
+        let no_callback = |_: &mut CpuBackend<PinholeViews>, _: &[LogLine]| Ok::<_, BackendError>(());
         train(&mut backend, &schedule, &mut log, &NoProgress, |_| false, no_callback)
     })
     .unwrap();

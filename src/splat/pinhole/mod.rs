@@ -5,7 +5,6 @@
 //! Schedule, optimiser, densification and checkpoints are those of satellite scenes. Training takes place in a frame of its own
 //! ([`WorkingFrame`]), so that its lengths do not depend on the unit of the scene.
 
-mod backend;
 #[cfg(test)]
 mod indoor_tests;
 mod objective;
@@ -13,13 +12,14 @@ mod picture;
 mod seen;
 mod start;
 mod view;
+mod views;
 mod working_frame;
 
-pub use backend::{PinholeBackend, PinholeScene};
 pub use objective::{
     AnyPinholeObjective, DiscObjective, EllipsoidObjective, PinholeObjective, PinholeStep, objective,
 };
 pub use picture::{DiscPlanes, PinholePicture, comparison};
 pub use start::{focus, splats_at_points, splats_on_rays};
 pub use view::{PinholeView, extent_m};
+pub use views::PinholeViews;
 pub use working_frame::{NEAREST, WorkingFrame};

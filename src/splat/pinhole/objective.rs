@@ -1,22 +1,21 @@
 //! The loss of one iteration on a photograph, and its gradient (3DGS).
 //!
 //! The view is rendered with four features: colour as displayed, and depth along the optical axis. The terms of the loss
-//! ([`LossTerm`]) are those of satellite scenes; the ones about the sun and virtual views are zero.
+//! ([`TermSet`]) are those of satellite scenes; the ones about the sun and virtual views are zero.
 
 use super::super::anchored::Anchoring;
-use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::{SeenFrom, colors, colors_backward};
 use super::super::loss::{
-    DiscView, LossTerm, LossWeights, PriorTargets, Rendered, Scaled, SurfaceDepth, TERMS,
+    DiscView, LossWeights, Losses, PriorTargets, Rendered, Scaled, SurfaceDepth, TermSet,
 };
-use super::super::objective::{Losses, add_by_view, parts, zeros};
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
     DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, SortedSplats, SplatGradient,
-    channel, disc_plane,
+    channel, disc_plane, zeros,
 };
 use super::super::seen_gradient::SeenGradient;
 use super::super::splats::Splats;
+use super::super::stopwatch::Stopwatch;
 use super::seen::SeenSplats;
 use crate::camera::CameraKernel;
 use crate::perspective::{PinholeCamera, PinholeKernel};
@@ -87,7 +86,7 @@ pub trait AnyPinholeObjective<T>: Send + Sync {
 #[must_use]
 pub fn objective<T: SimdReal>(
     primitive: PrimitiveKind,
-    terms: Vec<Box<dyn LossTerm<T>>>,
+    terms: TermSet<T>,
 ) -> Box<dyn AnyPinholeObjective<T>> {
     match primitive {
         PrimitiveKind::Ellipsoid => Box::new(EllipsoidObjective::new(terms)),
@@ -134,13 +133,13 @@ pub struct PinholeObjective<T: Real, const F: usize, P: Primitive> {
     by_normal: Vec<[T; 3]>,
     picture: Image<T>,
     by_view: Image<T>,
-    terms: Vec<Box<dyn LossTerm<T>>>,
+    terms: TermSet<T>,
 }
 
 impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
-    /// The objective with these loss terms, in the order of [`TERMS`].
+    /// The objective with these loss terms.
     #[must_use]
-    pub fn new(terms: Vec<Box<dyn LossTerm<T>>>) -> Self {
+    pub fn new(terms: TermSet<T>) -> Self {
         Self {
             seen: SeenSplats::default(),
             sorted: SortedSplats::of(if P::IS_FLAT { PrimitiveKind::Disc } else { PrimitiveKind::Ellipsoid }),
@@ -183,15 +182,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             splats,
             mean_opacity: self.seen.mean_opacity,
         };
-        let mut losses = Losses::default();
-        let mut columns = &mut losses.columns[..];
-        for ((term, info), weights) in self.terms.iter_mut().zip(TERMS).zip(weights.by_term()) {
-            let (own, others) = columns.split_at_mut(info.columns.len());
-            losses.total += term.evaluate(&rendered, weights, own);
-            columns = others;
-            watch.lap("loss", info.columns[0]);
-        }
-        losses.average_valid(input.valid);
+        let losses = self.terms.evaluate(&rendered, weights, input.valid, watch);
         self.pixels_backward(input.valid);
         watch.lap("pixels", "picture backward");
         self.splats_backward(input, gradient, watch);
@@ -271,8 +262,8 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         let by_view = &mut self.by_view;
         let planes = P::trained_planes(F);
         by_view.resize(width, height, planes);
-        let by_picture = parts(&self.terms, None, |term| term.by_picture());
-        add_by_view(by_view, &self.terms, |row, out| {
+        let by_picture = self.terms.by_picture();
+        self.terms.add_by_view(by_view, |row, out| {
             out.fill(T::zero());
             for (c, out) in out.chunks_exact_mut(width).take(3).enumerate() {
                 for part in by_picture.iter().flatten() {
@@ -292,7 +283,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
     ) {
         let SeenGradient { indices, of_seen, by_opacity } = gradient;
         indices.clone_from(&self.seen.indices);
-        *by_opacity = self.terms.iter().map(|term| term.by_opacity()).sum();
+        *by_opacity = self.terms.by_opacity();
         let n = indices.len();
         zeros(&mut self.by_sorted, n);
         self.by_feature.resize(n, [T::zero(); F]);
@@ -330,7 +321,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         });
         colors_backward(splats, &input.seen_from(), &self.colors, &self.by_colors, of_seen);
         watch.lap("splats", "colours backward");
-        terms.iter().for_each(|term| term.add_by_splats(splats, of_seen));
+        terms.add_by_splats(splats, of_seen);
     }
 }
 

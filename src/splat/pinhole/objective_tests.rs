@@ -167,7 +167,7 @@ fn the_depth_of_a_lonely_opaque_splat_is_its_distance_along_the_axis() {
         sh_degree: 3,
         surface: SurfaceDepth::Mean,
     };
-    let mut objective = EllipsoidObjective::<f64>::new(Vec::new());
+    let mut objective = EllipsoidObjective::<f64>::new(TermSet::default());
     objective.forward(&splats, &input, &mut Stopwatch::default());
     let px = camera.project(crate::frame::Point::new(at.x, at.y, at.z)).unwrap();
     let (col, row) = (px.col.round() as usize, px.row.round() as usize);
@@ -213,7 +213,7 @@ fn selection_leaves_out_no_splat_that_the_image_shows_and_most_of_the_others() {
                 sh_degree: 0,
                 surface: SurfaceDepth::Mean,
             };
-            let mut objective = objective(kind, Vec::new());
+            let mut objective = objective(kind, TermSet::default());
             let mut gradient = SeenGradient::default();
             objective.evaluate(&splats, &input, &weights, &mut gradient, &mut Stopwatch::default());
             let shown =

@@ -1,11 +1,11 @@
 //! Renders of splats by pinhole cameras, and their comparison with photographs.
 
-use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::MAX_DEGREE;
-use super::super::loss::SurfaceDepth;
+use super::super::loss::{SurfaceDepth, TermSet};
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{Image, channel, disc_plane};
 use super::super::splats::Splats;
+use super::super::stopwatch::Stopwatch;
 use super::objective::{PinholeStep, objective};
 use super::view::PinholeView;
 use crate::io::{Grid2, RgbImage};
@@ -70,7 +70,7 @@ impl PinholePicture {
             surface,
         };
         let primitive = splats.primitive();
-        let mut objective = objective(primitive, Vec::new());
+        let mut objective = objective(primitive, TermSet::default());
         objective.forward(splats, &input, &mut Stopwatch::default());
         let view = objective.view();
         let mut colors = [0, 1, 2].map(|c| view.plane(c));

@@ -9,6 +9,13 @@ use super::sorted::SortedSplats;
 use super::splat_block::SplatGradient;
 use crate::camera::CameraKernel;
 use crate::simd::Real;
+use rayon::prelude::*;
+
+/// Sets the vector to `n` zeros, in parallel.
+pub fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
+    values.resize(n, V::default());
+    values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
+}
 
 impl<T: Real, P: Primitive> Chunk<T, P> {
     /// Sums the gradient slots of each splat over the bands, in a fixed order, and adds the derivatives that follow from

@@ -6,7 +6,7 @@
 use crate::affine::{SiteScene, SiteView};
 use crate::mvs::FEW_VIEWS;
 use crate::scene::Role;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::recipe::Recipe;
 use crate::stats::quantile;
 
 /// Numbers of views, and the mean absolute height error with them in pixels, averaged over three towns with pixels of

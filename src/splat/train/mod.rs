@@ -1,16 +1,15 @@
 //! Training: plans each iteration after the recipe; a backend executes it.
 
+pub mod checkpoint;
 pub mod expectation;
 pub mod pictures;
-pub mod recipe;
 
 use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
 use crate::splat::backend::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, Wait};
-use crate::splat::loss::{COLUMNS, SurfaceDepth, column_names};
-use crate::splat::objective::Losses;
+use crate::splat::loss::{COLUMNS, Losses, SurfaceDepth, column_names};
+use crate::splat::recipe::{Background, OpacityReset, PerspectiveRecipe, Recipe};
 use crate::splat::splats::PerGroup;
-use crate::splat::train::recipe::{Background, OpacityReset, PerspectiveRecipe, Recipe};
 use serde::{Deserialize, Serialize};
 
 /// Number of iterations between two progress events.
@@ -268,9 +267,9 @@ impl Schedule<'_> {
 mod tests {
     use super::*;
     use crate::progress::{NoProgress, Recorder};
-    use crate::splat::backend::TrainingScene;
-    use crate::splat::novel_view::{NovelView, Picture};
+    use crate::splat::satellite::{NovelView, Picture};
     use crate::splat::state::TrainingState;
+    use crate::splat::stopwatch::Stopwatch;
 
     /// Records all plans, and reports an iteration only two submissions later or when it is asked to wait.
     #[derive(Default)]
@@ -278,21 +277,18 @@ mod tests {
         submitted: Vec<StepPlan>,
         reported: usize,
         state: TrainingState,
+        watch: Stopwatch,
     }
 
+    const NO_VIEW: BackendError = BackendError::NoView { view: 0, views: 0 };
+
     impl TrainingBackend for LateBackend {
-        type Scene = TrainingScene;
         type Viewpoint = NovelView;
         type Picture = Picture;
 
-        fn load(&mut self, _: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
-            self.state = state;
-            Ok(())
-        }
-
         fn submit(&mut self, plan: &StepPlan) -> Result<(), BackendError> {
             if plan.view == usize::MAX {
-                return Err(BackendError::NotLoaded);
+                return Err(NO_VIEW);
             }
             self.submitted.push(plan.clone());
             Ok(())
@@ -307,11 +303,15 @@ mod tests {
         }
 
         fn render(&mut self, _: &NovelView, _: usize) -> Result<Picture, BackendError> {
-            Err(BackendError::NotLoaded)
+            Err(NO_VIEW)
         }
 
         fn snapshot(&mut self) -> Result<&TrainingState, BackendError> {
             Ok(&self.state)
+        }
+
+        fn times(&self) -> &Stopwatch {
+            &self.watch
         }
     }
 
@@ -337,7 +337,7 @@ mod tests {
         let (mut backend, mut log) = (LateBackend::default(), Vec::new());
         let at = |_: &mut LateBackend, log: &[LogLine]| match log.len() {
             50 => Ok(()),
-            _ => Err(BackendError::NotLoaded),
+            _ => Err(NO_VIEW),
         };
         assert!(train(&mut backend, &of(&recipe), &mut log, &stop, |_| false, at).is_err());
         assert_eq!((log.len(), backend.submitted.len()), (21, 21));

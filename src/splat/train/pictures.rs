@@ -3,7 +3,7 @@
 use crate::affine::TrainingView;
 use crate::io::{Chart, RgbImage};
 use crate::splat::loss::target::{COARSEST_LEVEL, TargetImage};
-use crate::splat::novel_view::{NovelView, Picture};
+use crate::splat::satellite::{NovelView, Picture};
 use crate::splat::train::LogLine;
 
 /// Longest side of a panel, for views of up to 16 times that, pixels.

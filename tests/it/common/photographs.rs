@@ -5,8 +5,8 @@ use satgs::perspective::{PerspectiveOptions, PerspectiveScene, PinholeCamera};
 use satgs::pipeline::{PerspectiveCameras, PerspectiveManifest, TrainedPhoto};
 use satgs::random::CounterRng;
 use satgs::splat::ply;
+use satgs::splat::recipe::Recipe;
 use satgs::splat::splats::Splats;
-use satgs::splat::train::recipe::Recipe;
 use std::fmt::Write;
 use std::path::Path;
 

@@ -3,22 +3,24 @@
 //!
 //! The view is rendered with four features: linear colour and altitude. A render of the altitudes from the sun gives each
 //! pixel's share of sunlight ([`ShadowModel`]). The view's colour model ([`AppearanceModel`]) computes the picture from
-//! colours and sunlight. The loss terms ([`LossTerm`]) compare picture, renders and splats with their targets.
+//! colours and sunlight. The loss terms ([`TermSet`]) compare picture, renders and splats with their targets.
 
-use super::anchored::Anchoring;
-use super::appearance::{
+use crate::camera::QuadraticKernel;
+use crate::simd::{Real, SimdReal};
+use crate::splat::anchored::Anchoring;
+use crate::splat::appearance::{
     AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
-use super::backend::stopwatch::Stopwatch;
-use super::loss::{ByView, COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS, column_names};
-use super::primitive::PrimitiveKind;
-use super::raster::{FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer};
-use super::shadow::ShadowModel;
-use super::sheared_camera::{ShearedCamera, SunView};
-use super::splats::{GROUP_INFO, Splats};
-use super::sun_visibility::sun_visibility;
-use crate::camera::QuadraticKernel;
-use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
+use crate::splat::loss::{LossWeights, Losses, Rendered, Scaled, TermSet};
+use crate::splat::primitive::PrimitiveKind;
+use crate::splat::raster::{
+    FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer, zeros,
+};
+use crate::splat::shadow::ShadowModel;
+use crate::splat::sheared_camera::{ShearedCamera, SunView};
+use crate::splat::splats::{GROUP_INFO, Splats};
+use crate::splat::stopwatch::Stopwatch;
+use crate::splat::sun_visibility::sun_visibility;
 use rayon::prelude::*;
 
 /// Names of the renders in the table of times.
@@ -31,7 +33,7 @@ const VIRTUAL: &str = "virtual view";
 const WRITTEN_GROUPS: [&str; 5] = ["position", "f_dc", "opacity_logit", "log_scale", "rotation"];
 
 /// What one iteration renders and compares.
-pub struct StepInput<'a, T> {
+pub struct SatelliteStep<'a, T> {
     /// The view's camera.
     pub camera: FrameCamera<QuadraticKernel<T>>,
     /// The view's image: linear colours in [0, 1], zero where masked.
@@ -54,39 +56,11 @@ pub struct StepInput<'a, T> {
     pub anchored: &'a [Anchoring],
 }
 
-impl<T: Real> StepInput<'_, T> {
+impl<T: Real> SatelliteStep<'_, T> {
     /// Colour and altitude behind the splats.
     fn background_features(&self) -> [T; 4] {
         let [r, g, b] = self.background;
         [r, g, b, self.floor]
-    }
-}
-
-/// The loss of an iteration.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Losses {
-    /// The weighted sum of all terms.
-    pub total: f64,
-    /// The unweighted columns of the terms, named by [`column_names`].
-    pub columns: [f64; COLUMNS],
-}
-
-impl Losses {
-    /// Makes the columns that are means over all pixels means over those with data: pixels without data are zero in both images,
-    /// where L1 is 0 and SSIM 1. NaN if no pixel has data. The total stays.
-    pub fn average_valid(&mut self, valid: &[bool]) {
-        let count = valid.iter().filter(|is_valid| **is_valid).count();
-        if count == valid.len() {
-            return;
-        }
-        let share = count as f64 / valid.len() as f64;
-        for (value, name) in self.columns.iter_mut().zip(column_names()) {
-            match name {
-                "l1" => *value /= share,
-                "ssim" => *value = (*value - (1.0 - share)) / share,
-                _ => {}
-            }
-        }
     }
 }
 
@@ -105,7 +79,7 @@ pub struct Gradient<T> {
 type BoxedRenderer<T, const C: usize> = Box<dyn Renderer<T, C, QuadraticKernel<T>>>;
 
 /// Computes losses and gradients; keeps all buffers between iterations.
-pub struct Objective<T: Real> {
+pub struct SatelliteObjective<T: Real> {
     sorted: SortedSplats<T>,
     view: BoxedRenderer<T, 4>,
     sun: BoxedRenderer<T, 1>,
@@ -127,17 +101,13 @@ pub struct Objective<T: Real> {
     picture: Image<T>,
     by_view: Image<T>,
     by_sunlight: Image<T>,
-    terms: Vec<Box<dyn LossTerm<T>>>,
+    terms: TermSet<T>,
 }
 
-impl<T: SimdReal> Objective<T> {
+impl<T: SimdReal> SatelliteObjective<T> {
     /// The objective for splats of this kind with this colour model and these loss terms.
     #[must_use]
-    pub fn new(
-        primitive: PrimitiveKind,
-        appearance: Box<dyn AppearanceModel<T>>,
-        terms: Vec<Box<dyn LossTerm<T>>>,
-    ) -> Self {
+    pub fn new(primitive: PrimitiveKind, appearance: Box<dyn AppearanceModel<T>>, terms: TermSet<T>) -> Self {
         Self {
             primitive,
             sorted: SortedSplats::of(primitive),
@@ -168,7 +138,7 @@ impl<T: SimdReal> Objective<T> {
         &mut self,
         splats: &Splats<T>,
         appearance: ModelParameters<T>,
-        input: &StepInput<T>,
+        input: &SatelliteStep<T>,
         weights: &LossWeights,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
@@ -201,15 +171,7 @@ impl<T: SimdReal> Objective<T> {
             splats,
             mean_opacity: self.sorted.mean_opacity(),
         };
-        let mut losses = Losses::default();
-        let mut columns = &mut losses.columns[..];
-        for ((term, info), weights) in self.terms.iter_mut().zip(TERMS).zip(weights.by_term()) {
-            let (own, others) = columns.split_at_mut(info.columns.len());
-            losses.total += term.evaluate(&rendered, weights, own);
-            columns = others;
-            watch.lap("loss", info.columns[0]);
-        }
-        losses.average_valid(input.valid);
+        let losses = self.terms.evaluate(&rendered, weights, input.valid, watch);
         self.pixels_backward(appearance, input, gradient, watch);
         self.splats_backward(splats, appearance, input, gradient, watch);
         losses
@@ -220,7 +182,7 @@ impl<T: SimdReal> Objective<T> {
         &mut self,
         splats: &Splats<T>,
         appearance: ModelParameters<T>,
-        input: &StepInput<T>,
+        input: &SatelliteStep<T>,
         watch: &mut Stopwatch,
     ) {
         self.sorted.update(splats);
@@ -284,7 +246,7 @@ impl<T: SimdReal> Objective<T> {
         &mut self,
         splats: &Splats<T>,
         parameters: ModelParameters<T>,
-        input: &StepInput<T>,
+        input: &SatelliteStep<T>,
         watch: &mut Stopwatch,
     ) {
         let sun = splat_sun(input, &self.sun_visibility);
@@ -304,7 +266,7 @@ impl<T: SimdReal> Objective<T> {
     fn pixels_backward(
         &mut self,
         appearance: ModelParameters<T>,
-        input: &StepInput<T>,
+        input: &SatelliteStep<T>,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) {
@@ -322,12 +284,12 @@ impl<T: SimdReal> Objective<T> {
             by_sunlight: &mut self.by_sunlight,
             by_values: &mut gradient.appearance,
         };
-        let by_picture = parts(&self.terms, None, |term| term.by_picture());
+        let by_picture = self.terms.by_picture();
         self.appearance.shade_backward(appearance.view, shading, &by_picture, by);
         let own = Scaled { image: &self.by_sunlight, factor: T::one() };
-        let by_sunlight = parts(&self.terms, Some(own), |term| term.by_sunlight());
+        let by_sunlight = self.terms.by_sunlight(own);
         self.shadows.backward(view, sun, &by_sunlight, &mut self.by_view);
-        add_by_view(&mut self.by_view, &self.terms, |_, _| ());
+        self.terms.add_by_view(&mut self.by_view, |_, _| ());
         watch.lap("pixels", "picture backward");
     }
 
@@ -336,7 +298,7 @@ impl<T: SimdReal> Objective<T> {
         &mut self,
         splats: &Splats<T>,
         appearance: ModelParameters<T>,
-        input: &StepInput<T>,
+        input: &SatelliteStep<T>,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) {
@@ -347,10 +309,10 @@ impl<T: SimdReal> Objective<T> {
         let normals = if self.primitive == PrimitiveKind::Disc { n } else { 0 };
         zeros(&mut self.by_normal, normals);
         let Self { terms, sorted, by_sorted, by_normal, by_feature, by_altitude, .. } = self;
-        sorted.add_by_opacity(terms.iter().map(|term| term.by_opacity()).sum(), by_sorted);
+        sorted.add_by_opacity(terms.by_opacity(), by_sorted);
         let mut by = (&mut by_sorted[..], &mut by_normal[..]);
         backward(self.view.as_mut(), VIEW, sorted, &self.by_view, &mut by, by_feature, watch);
-        for by_virtual in terms.iter().filter_map(|term| term.by_virtual_view()) {
+        for by_virtual in terms.by_virtual_view() {
             let raster = self.virtual_view.as_mut();
             backward(raster, VIRTUAL, sorted, by_virtual, &mut by, by_feature, watch);
         }
@@ -374,79 +336,18 @@ impl<T: SimdReal> Objective<T> {
         watch.lap("splats", "parameters backward");
         let sun = splat_sun(input, &self.sun_visibility);
         let colors = ColorInput { parameters: appearance, splats, sun };
-        let by_light = terms.iter().find_map(|term| term.by_light());
+        let by_light = terms.by_light();
         let Gradient { splats: by_splats, appearance: view, shared } = gradient;
         let by_parameters = ParameterGradient { shared, view };
         self.appearance.splat_colors_backward(colors, &self.by_colors, by_light, by_splats, by_parameters);
         watch.lap("splats", "colours backward");
-        terms.iter().for_each(|term| term.add_by_splats(splats, &mut gradient.splats));
+        terms.add_by_splats(splats, &mut gradient.splats);
         watch.lap("splats", "parameters backward");
     }
 }
 
-/// The terms' derivatives by the same image, after `own`, which is computed elsewhere.
-pub(super) fn parts<'a, T: SimdReal>(
-    terms: &'a [Box<dyn LossTerm<T>>],
-    own: Option<Scaled<'a, T>>,
-    of: impl Fn(&'a dyn LossTerm<T>) -> Option<Scaled<'a, T>>,
-) -> [Option<Scaled<'a, T>>; TERMS.len() + 1] {
-    let mut out = [own; TERMS.len() + 1];
-    out[1..].fill(None);
-    for (part, term) in out[1..].iter_mut().zip(terms) {
-        *part = of(term.as_ref());
-    }
-    out
-}
-
-/// Adds the terms' derivatives by the render to `sum`, each of whose rows `begin` prepares, given its number.
-pub(super) fn add_by_view<T: SimdReal>(
-    sum: &mut Image<T>,
-    terms: &[Box<dyn LossTerm<T>>],
-    begin: impl Fn(usize, &mut [T]) + Sync,
-) {
-    let mut parts = [None; TERMS.len()];
-    for (part, term) in parts.iter_mut().zip(terms) {
-        *part = term.by_view();
-    }
-    let Image { width, channels, .. } = *sum;
-    let rows = sum.data.par_chunks_mut(channels * width).with_min_len(16);
-    rows.enumerate().for_each(|(row, sum)| {
-        begin(row, sum);
-        for ByView { scaled: Scaled { image, factor }, channels } in parts.iter().flatten() {
-            for (k, channel) in channels.iter().enumerate() {
-                let (sum, by) = (&mut sum[channel * width..][..width], image.row(k, row));
-                T::dispatch(AddScaled { sum, by, factor: *factor });
-            }
-        }
-    });
-}
-
-/// `sum += factor * by`.
-struct AddScaled<'a, T> {
-    sum: &'a mut [T],
-    by: &'a [T],
-    factor: T,
-}
-
-impl<T: SimdReal> SimdKernel<T> for AddScaled<'_, T> {
-    #[inline(always)]
-    fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        let factor = SimdVec::broadcast(simd, self.factor);
-        for start in (0..self.sum.len()).step_by(S::WIDTH) {
-            let sum = SimdVec::load_from(simd, self.sum, start);
-            factor.mul_add(SimdVec::load_from(simd, self.by, start), sum).store_to(self.sum, start);
-        }
-    }
-}
-
-/// Sets the vector to `n` zeros, in parallel.
-pub(super) fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
-    values.resize(n, V::default());
-    values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
-}
-
 /// The sun as the splats see it; none without shadows.
-fn splat_sun<'a, T: Real>(input: &StepInput<T>, visibility: &'a [T]) -> Option<SplatSun<'a, T>> {
+fn splat_sun<'a, T: Real>(input: &SatelliteStep<T>, visibility: &'a [T]) -> Option<SplatSun<'a, T>> {
     input.sun.map(|sun| SplatSun { direction: sun.direction, visibility })
 }
 

@@ -1,17 +1,18 @@
 //! Rendering a trained scene from a new camera, under any sun (novel view synthesis).
 
+use super::objective::{SatelliteObjective, SatelliteStep};
 use crate::affine::{SiteScene, SiteView, ViewCamera, sun_direction};
 use crate::camera::QuadraticKernel;
 use crate::io::Grid2;
 use crate::scene::Sun;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::appearance::{Appearance, AppearanceModel, ColorInput, ModelParameters, SplatSun};
-use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::objective::{Objective, StepInput};
+use crate::splat::loss::TermSet;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::{Disc, FrameCamera, Image, Rasterizer, SortedSplats, channel, renderer};
 use crate::splat::sheared_camera::SunView;
 use crate::splat::splats::Splats;
+use crate::splat::stopwatch::Stopwatch;
 use crate::splat::sun_visibility::sun_visibility;
 
 /// A camera with its image size and the sun.
@@ -118,7 +119,7 @@ impl NovelView {
         altitudes: (f64, f64),
     ) -> Picture {
         let no_target = Image::default();
-        let input = StepInput {
+        let input = SatelliteStep {
             camera: FrameCamera::new(&self.camera, self.size.0, self.size.1),
             target: &no_target,
             valid: &[],
@@ -130,7 +131,7 @@ impl NovelView {
             floor: altitudes.0 as f32,
             anchored: &[],
         };
-        let mut objective = Objective::new(splats.primitive(), model, Vec::new());
+        let mut objective = SatelliteObjective::new(splats.primitive(), model, TermSet::default());
         objective.forward(splats, parameters, &input, &mut Stopwatch::default());
         let (picture, view) = (objective.picture(), objective.view());
         let (mut altitude, transmittance) =

@@ -55,7 +55,7 @@ fn prior() -> Arc<Prior> {
 struct Scene<T: Real> {
     target: Image<T>,
     valid: Vec<bool>,
-    objective: Objective<T>,
+    objective: SatelliteObjective<T>,
     has_sun: bool,
     has_virtual_view: bool,
     quadratic: [[f64; 6]; 2],
@@ -66,8 +66,8 @@ struct Scene<T: Real> {
 }
 
 /// The objective with EOGS's colour model.
-fn affine<T: SimdReal>(primitive: PrimitiveKind, prior: Option<&Arc<Prior>>) -> Objective<T> {
-    Objective::new(
+fn affine<T: SimdReal>(primitive: PrimitiveKind, prior: Option<&Arc<Prior>>) -> SatelliteObjective<T> {
+    SatelliteObjective::new(
         primitive,
         AppearanceKind::Affine.model(Cube::default()),
         terms(TermInputs { prior: prior.cloned(), lpips: None }),
@@ -110,7 +110,7 @@ impl<T: SimdReal> Scene<T> {
         let offset = [width as f64 / 2.0 - 0.2, height as f64 / 2.0 - 0.7];
         let linear = [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]];
         let camera = ViewCamera { linear, offset, quadratic: self.quadratic };
-        let input = StepInput {
+        let input = SatelliteStep {
             camera: FrameCamera::new(&camera, width, height),
             target: &self.target,
             valid: &self.valid,
@@ -202,7 +202,8 @@ fn satgs_scene(named: &[(&str, f64)]) -> (Scene<f64>, Appearance<f64>) {
     let mut normal = |n: usize| -> Vec<f64> { (0..n).map(|_| 0.4 * draw.normal()).collect() };
     let (shared, values) = (normal(networks.parameters()), normal(networks.embedding));
     let model = SatGs::new(networks, Cube { corner: [-7.0, -6.0, -2.0], side_m: 14.0 });
-    let objective = Objective::new(PrimitiveKind::Ellipsoid, Box::new(model), terms(TermInputs::default()));
+    let objective =
+        SatelliteObjective::new(PrimitiveKind::Ellipsoid, Box::new(model), terms(TermInputs::default()));
     let weights = LossWeights::of(named).unwrap();
     let scene = Scene { objective, shared, weights, has_virtual_view: false, ..Scene::new() };
     (scene, Appearance { kind: AppearanceKind::SatGs, values })
@@ -362,7 +363,7 @@ fn a_block_casts_a_shadow_of_the_right_length() {
     let size = (48, 48);
     let shear = camera.shear_towards(crate::frame::Vector::new(1.0, 0.0, 1.0));
     let target = Image::zeros(48, 48, 3);
-    let input = StepInput {
+    let input = SatelliteStep {
         camera: FrameCamera::new(&camera, 48, 48),
         target: &target,
         valid: &[],

@@ -2,13 +2,13 @@
 //!
 //! Splats and networks do not change; only the view's own parameters do, by the photometric loss.
 
+use super::objective::{Gradient, SatelliteObjective, SatelliteStep};
 use crate::nn::adam::{Adam, AdamRule};
 use crate::progress::{Interrupted, Progress};
 use crate::splat::appearance::{AppearanceModel, ModelParameters};
-use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::loss::{LossWeights, TermInputs, terms};
-use crate::splat::objective::{Gradient, Objective, StepInput};
 use crate::splat::splats::Splats;
+use crate::splat::stopwatch::Stopwatch;
 
 /// Number of steps, and the learning rate of the first of them (WildGaussians); the rate falls linearly to zero. SatGS takes
 /// 5000 steps, at a rate that it does not state.
@@ -24,10 +24,10 @@ pub fn fit_view(
     splats: &Splats,
     model: Box<dyn AppearanceModel<f32>>,
     start: ModelParameters<f32>,
-    input: &StepInput<f32>,
+    input: &SatelliteStep<f32>,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, Interrupted> {
-    let mut objective = Objective::new(splats.primitive(), model, terms(TermInputs::default()));
+    let mut objective = SatelliteObjective::new(splats.primitive(), model, terms(TermInputs::default()));
     let (mut values, mut adam, mut gradient) = (start.view.to_vec(), Adam::default(), Gradient::default());
     let mut best = (f64::INFINITY, values.clone());
     for step in 0..STEPS {

@@ -1,0 +1,202 @@
+//! A stage that trains: its checkpoint, its iterations, its log. The trainings of satellite scenes, of photographs and of
+//! colours differ in what they start from and what they write.
+
+use super::PipelineError;
+use super::stage::{Fingerprint, Stage};
+use super::train_options::TrainOptions;
+use super::trained::mean;
+use crate::io::{RgbImage, WriteError, write_atomically};
+use crate::progress::{Event, Progress};
+use crate::run_files::{CHECKPOINT, SNAPSHOTS, TRAINING_CURVES, TRAINING_LOG};
+use crate::splat::backend::{BackendError, CpuBackend, TrainingBackend, ViewModel};
+use crate::splat::state::TrainingState;
+use crate::splat::train::checkpoint::Checkpoint;
+use crate::splat::train::{LogLine, Schedule, pictures, train};
+use std::borrow::Cow;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+
+/// A stage that trains.
+pub struct TrainingStage<'a> {
+    stage: Stage,
+    folder: PathBuf,
+    options: &'a TrainOptions,
+    progress: &'a dyn Progress,
+}
+
+/// A training between two iterations.
+pub struct Iterated {
+    /// Number of splats before the first iteration.
+    pub splats_at_start: usize,
+    /// The log of all iterations.
+    pub log: Vec<LogLine>,
+    /// The state after the last one.
+    pub state: TrainingState,
+}
+
+impl Iterated {
+    /// A training before its first iteration.
+    pub fn start(state: TrainingState) -> Self {
+        Self { splats_at_start: state.splats.len(), log: Vec::new(), state }
+    }
+
+    /// Mean of a column of the log over the last iteration of each of so many views; NaN of an empty log.
+    pub fn mean_of_last(&self, views: usize, column: &str) -> f64 {
+        mean(self.log[self.log.len().saturating_sub(views)..].iter().map(|line| line.column(column)))
+    }
+
+    /// Time of the iterations, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.log.last().map_or(0.0, |line| line.seconds)
+    }
+}
+
+impl Deref for TrainingStage<'_> {
+    type Target = Stage;
+
+    fn deref(&self) -> &Stage {
+        &self.stage
+    }
+}
+
+impl<'a> TrainingStage<'a> {
+    /// The stage of `run` called `name` that trains `outputs` from `fingerprint`.
+    pub fn new(
+        run: &Path,
+        name: &'static str,
+        outputs: &[&str],
+        fingerprint: Fingerprint,
+        (options, progress): (&'a TrainOptions, &'a dyn Progress),
+    ) -> Self {
+        let outputs = outputs.iter().map(|name| run.join(name)).collect();
+        Self { stage: Stage::new(run, name, outputs, fingerprint), folder: run.join(name), options, progress }
+    }
+
+    /// The training to go on with: of the same input and options, and with so many colour models.
+    ///
+    /// A checkpoint of others is an error that names them, unless the options say to overwrite it. A damaged one is passed over
+    /// with a warning; where `--resume` requires one it is an error, as is none.
+    pub fn resume(&self, appearances: usize) -> Result<Option<Iterated>, PipelineError> {
+        let (path, is_required) = (self.checkpoint(), self.options.resume);
+        if !path.exists() {
+            return if is_required { Err(PipelineError::NoCheckpoint { path }) } else { Ok(None) };
+        }
+        let checkpoint = match Checkpoint::read(&path) {
+            Ok(checkpoint) => checkpoint,
+            Err(e) if is_required => return Err(e.into()),
+            Err(e) => {
+                self.progress.event(Event::Warning(format!("{e}; training starts from the beginning")));
+                return Ok(None);
+            }
+        };
+        let is_same = self.stage.is_made_from(&checkpoint.origin, self.options.overwrite)?;
+        if !is_same || !checkpoint.state.fits(appearances) {
+            self.remove_checkpoint();
+            return Ok(None);
+        }
+        let done = checkpoint.log.len();
+        self.progress
+            .event(Event::Note(format!("going on from `{}` after {done} iterations", path.display())));
+        let Checkpoint { splats_at_start, log, state, .. } = checkpoint;
+        Ok(Some(Iterated { splats_at_start, log: log.into_owned(), state: state.into_owned() }))
+    }
+
+    /// Removes the pictures of a training before.
+    pub fn remove_snapshots(&self) {
+        let _ = std::fs::remove_dir_all(self.folder.join(SNAPSHOTS));
+    }
+
+    /// Runs the iterations of a schedule that are left, and writes the log. `snapshot` draws a picture of the training; none are
+    /// written if it is none.
+    ///
+    /// # Errors
+    /// [`PipelineError::TrainingInterrupted`] when the caller asks to stop: a checkpoint is written then.
+    pub fn train<M: ViewModel>(
+        &self,
+        views: M,
+        schedule: &Schedule,
+        iterated: Iterated,
+        snapshot: Option<Snapshot<M>>,
+    ) -> Result<(M, Iterated), PipelineError> {
+        let Iterated { splats_at_start, mut log, state } = iterated;
+        let mut backend = CpuBackend::new(views, state)?;
+        let is_picture_due = |done: u32| {
+            let all = schedule.recipe.iterations;
+            snapshot.is_some() && pictures::is_snapshot_due(self.options.snapshots, done, all)
+        };
+        let is_checkpoint_due = |done: u32| done.is_multiple_of(self.options.checkpoint_every);
+        let is_due = |done: u32| is_picture_due(done) || is_checkpoint_due(done);
+        self.progress.event(Event::Resumable(true));
+        train(&mut backend, schedule, &mut log, self.progress, is_due, |backend, log| {
+            let (done, is_interrupted) = (log.len() as u32, self.progress.is_cancelled());
+            if let Some(draw) = snapshot.filter(|_| is_picture_due(done)) {
+                let path = self.folder.join(SNAPSHOTS).join(format!("{done:06}.png"));
+                // A missing picture is no reason to stop.
+                if let Err(e) = draw(backend, done)?.write(&path) {
+                    self.progress.event(Event::Warning(e.to_string()));
+                }
+            }
+            if is_interrupted || is_checkpoint_due(done) {
+                self.write_checkpoint(splats_at_start, log, backend.snapshot()?)?;
+            }
+            if is_interrupted {
+                let (iterations, checkpoint) = (log.len(), self.checkpoint());
+                return Err(PipelineError::TrainingInterrupted { iterations, checkpoint });
+            }
+            Ok(())
+        })?;
+        self.progress.event(Event::Resumable(false));
+        tracing::info!("{}", backend.times().table());
+        self.write_log(&log)?;
+        let (views, state) = backend.into_parts();
+        Ok((views, Iterated { splats_at_start, log, state }))
+    }
+
+    /// Writes a line for each iteration, and the curves.
+    pub fn write_log(&self, log: &[LogLine]) -> Result<(), PipelineError> {
+        write_csv(&self.folder.join(TRAINING_LOG), log)?;
+        Ok(pictures::curves(log).write(&self.folder.join(TRAINING_CURVES))?)
+    }
+
+    /// Records that the stage is complete; the checkpoint is not needed any more.
+    pub fn complete(&self, summary: &impl serde::Serialize) -> Result<(), PipelineError> {
+        self.stage.complete(summary)?;
+        self.remove_checkpoint();
+        Ok(())
+    }
+
+    fn checkpoint(&self) -> PathBuf {
+        self.folder.join(CHECKPOINT)
+    }
+
+    fn write_checkpoint(
+        &self,
+        splats_at_start: usize,
+        log: &[LogLine],
+        state: &TrainingState,
+    ) -> Result<(), PipelineError> {
+        let origin = Cow::Borrowed(self.stage.fingerprint());
+        let checkpoint = Checkpoint { origin, splats_at_start, log: log.into(), state: Cow::Borrowed(state) };
+        Ok(checkpoint.write(&self.checkpoint())?)
+    }
+
+    /// A checkpoint that is left behind does no harm.
+    fn remove_checkpoint(&self) {
+        let _ = std::fs::remove_file(self.checkpoint());
+    }
+}
+
+/// Draws a picture of a training after so many iterations.
+pub type Snapshot<'a, M> = &'a dyn Fn(&mut CpuBackend<M>, u32) -> Result<RgbImage, BackendError>;
+
+fn write_csv(path: &Path, log: &[LogLine]) -> Result<(), WriteError> {
+    let failed = |reason: String| WriteError::new(path, reason);
+    write_atomically(path, |t| {
+        let mut writer = csv::Writer::from_path(t).map_err(|e| failed(e.to_string()))?;
+        writer.write_record(LogLine::header()).map_err(|e| failed(e.to_string()))?;
+        for line in log {
+            writer.write_record(line.record()).map_err(|e| failed(e.to_string()))?;
+        }
+        writer.flush().map_err(|e| failed(e.to_string()))
+    })
+}
