@@ -69,7 +69,7 @@ impl DensifyStats {
         let sums = self.gradient.par_iter_mut().zip(&mut self.views).with_min_len(1024).enumerate();
         sums.for_each(|(splat, (gradient, views))| {
             if let Some([x, y]) = mean2d_gradient(splat) {
-                *gradient += x.hypot(y);
+                *gradient += length(x, y);
                 *views += 1;
             }
         });
@@ -88,12 +88,18 @@ impl DensifyStats {
             for place in gradient.places(first..first + views.len()) {
                 if let Some([x, y]) = mean2d_gradient(place) {
                     let i = gradient.indices[place] as usize - first;
-                    gradients[i] += x.hypot(y);
+                    gradients[i] += length(x, y);
                     views[i] += 1;
                 }
             }
         });
     }
+}
+
+/// The length of a vector, without the call of the C library that [`f32::hypot`] is.
+fn length(x: f32, y: f32) -> f32 {
+    let (x, y) = (f64::from(x), f64::from(y));
+    (x * x + y * y).sqrt() as f32
 }
 
 /// Numbers of splats that a check densified and pruned.

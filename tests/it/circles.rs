@@ -1,4 +1,4 @@
-//! Within a room (a folder of `src`) no files import each other in a circle.
+//! Within a room (a folder of `src`) neither files nor folders import each other in a circle.
 //!
 //! An import is a path that starts with `super::` or `crate::ROOM::`, or a `use` of a child module. It counts for
 //! the file that defines the imported item: what a `mod.rs` re-exports by `pub use` counts for the file that it is from,
@@ -75,12 +75,12 @@ impl Sources {
     }
 
     /// Modules that each module imports from.
-    fn imports<'a>(&'a self) -> BTreeMap<&'a Module, BTreeSet<Module>> {
-        let of_module = |(module, code): (&'a Module, &String)| {
+    fn imports(&self) -> BTreeMap<Module, BTreeSet<Module>> {
+        let of_module = |(module, code): (&Module, &String)| {
             let paths = uses(code).into_iter().filter(|(is_public, _)| !is_public).map(|(_, path)| path);
             let all = paths.chain(paths_in_code(code));
             let found = all.filter_map(|path| self.definer(module, &path)).filter(|m| m != module);
-            (module, found.collect())
+            (module.clone(), found.collect())
         };
         self.code.iter().map(of_module).collect()
     }
@@ -165,7 +165,7 @@ fn paths_in_code(code: &str) -> Vec<Vec<String>> {
 }
 
 /// Modules from which one can come back to themselves, each with all that it reaches in such circles.
-fn circles(imports: &BTreeMap<&Module, BTreeSet<Module>>) -> BTreeSet<Vec<String>> {
+fn circles(imports: &BTreeMap<Module, BTreeSet<Module>>) -> BTreeSet<Vec<String>> {
     let reach = |start: &Module| {
         let (mut seen, mut open) = (BTreeSet::new(), vec![start.clone()]);
         while let Some(module) = open.pop() {
@@ -177,7 +177,7 @@ fn circles(imports: &BTreeMap<&Module, BTreeSet<Module>>) -> BTreeSet<Vec<String
         }
         seen
     };
-    let reached: BTreeMap<&Module, BTreeSet<Module>> = imports.keys().map(|m| (*m, reach(m))).collect();
+    let reached: BTreeMap<&Module, BTreeSet<Module>> = imports.keys().map(|m| (m, reach(m))).collect();
     let circle = |module: &&Module| -> Option<Vec<String>> {
         let of = |m: &Module| reached.get(m).is_some_and(|r| r.contains(*module));
         let members = reached[*module].iter().filter(|m| of(m)).map(|m| m.join("::"));
@@ -186,15 +186,37 @@ fn circles(imports: &BTreeMap<&Module, BTreeSet<Module>>) -> BTreeSet<Vec<String
     reached.keys().filter_map(circle).collect()
 }
 
+/// What the files and folders that lie directly in a room import of each other, with all that a folder holds as one.
+fn of_folders(imports: &BTreeMap<Module, BTreeSet<Module>>) -> BTreeMap<Module, BTreeSet<Module>> {
+    let folder = |module: &Module| module.iter().take(2).cloned().collect::<Module>();
+    let mut out = BTreeMap::<Module, BTreeSet<Module>>::new();
+    for (module, imported) in imports {
+        let from = folder(module);
+        let others = imported.iter().map(folder).filter(|to| *to != from);
+        out.entry(from.clone()).or_default().extend(others);
+    }
+    out
+}
+
+fn rooms() -> impl Iterator<Item = BTreeMap<Module, BTreeSet<Module>>> {
+    let entries = std::fs::read_dir(source()).expect("src").map(|e| e.expect("a room").path());
+    entries.filter(|p| p.is_dir()).map(|room| Sources::of_room(&room).imports())
+}
+
+fn text(circles: impl Iterator<Item = Vec<String>>) -> String {
+    circles.map(|circle| circle.join(" <-> ")).collect::<Vec<_>>().join("\n")
+}
+
 #[test]
 fn files_of_a_room_do_not_import_each_other_in_circles() {
-    let rooms =
-        std::fs::read_dir(source()).expect("src").map(|e| e.expect("a room").path()).filter(|p| p.is_dir());
-    let found: Vec<String> = rooms
-        .flat_map(|room| circles(&Sources::of_room(&room).imports()))
-        .map(|circle| circle.join(" <-> "))
-        .collect();
-    assert!(found.is_empty(), "{}", found.join("\n"));
+    let found = text(rooms().flat_map(|imports| circles(&imports)));
+    assert!(found.is_empty(), "{found}");
+}
+
+#[test]
+fn folders_of_a_room_do_not_import_each_other_in_circles() {
+    let found = text(rooms().flat_map(|imports| circles(&of_folders(&imports))));
+    assert!(found.is_empty(), "{found}");
 }
 
 #[test]
@@ -205,8 +227,14 @@ fn imports_are_found_in_trees_and_in_expressions() {
     assert!(paths_in_code(code).contains(&["super", "i", "j"].map(str::to_owned).to_vec()));
     let module = |name: &str| vec!["room".to_owned(), name.to_owned()];
     let (a, b) = (module("a"), module("b"));
-    let both = BTreeMap::from([(&a, BTreeSet::from([b.clone()])), (&b, BTreeSet::from([a.clone()]))]);
-    assert_eq!(circles(&both).into_iter().collect::<Vec<_>>(), [["room::a", "room::b"]]);
-    let one = BTreeMap::from([(&a, BTreeSet::from([b.clone()])), (&b, BTreeSet::new())]);
-    assert!(circles(&one).is_empty());
+    let of = |imports: &[(&Module, &Module)]| -> BTreeMap<Module, BTreeSet<Module>> {
+        imports.iter().map(|(from, to)| ((*from).clone(), BTreeSet::from([(*to).clone()]))).collect()
+    };
+    assert_eq!(circles(&of(&[(&a, &b), (&b, &a)])).into_iter().collect::<Vec<_>>(), [["room::a", "room::b"]]);
+    assert!(circles(&of(&[(&a, &b)])).is_empty());
+    // Two folders, although no file comes back to itself.
+    let within = |folder: &str, file: &str| vec!["room".to_owned(), folder.to_owned(), file.to_owned()];
+    let files = of(&[(&within("f", "x"), &within("g", "y")), (&within("g", "z"), &within("f", "w"))]);
+    assert!(circles(&files).is_empty());
+    assert_eq!(circles(&of_folders(&files)).into_iter().collect::<Vec<_>>(), [["room::f", "room::g"]]);
 }

@@ -51,8 +51,9 @@ impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
         // The robust distance of a splat and its derivative.
         let evaluate = |position: &[T; 3]| {
             let (r, weight) = prior.distance(*position)?;
-            let slope = weight * (two * r / (T::from_f64(Prior::SCALE_M) * (r * r + T::one()).powi(2)));
-            Some((weight * r * r / (r * r + T::one()), slope))
+            let robust = r * r + T::one();
+            let slope = weight * (two * r / (T::from_f64(Prior::SCALE_M) * (robust * robust)));
+            Some((weight * r * r / robust, slope))
         };
         let pieces = splats.position.par_chunks(PIECE).zip(self.slopes.par_chunks_mut(PIECE));
         pieces.zip(&mut self.sums).for_each(|((positions, slopes), sum)| {

@@ -11,7 +11,7 @@ use super::super::loss::{
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
     DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, SortedSplats, SplatGradient,
-    channel, disc_plane, zeros,
+    channel, disc_plane,
 };
 use super::super::seen_gradient::SeenGradient;
 use super::super::splats::Splats;
@@ -285,12 +285,11 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         indices.clone_from(&self.seen.indices);
         *by_opacity = self.terms.by_opacity();
         let n = indices.len();
-        zeros(&mut self.by_sorted, n);
         self.by_feature.resize(n, [T::zero(); F]);
         self.by_feature.par_chunks_mut(1 << 14).for_each(|v| v.fill([T::zero(); F]));
         let Self { terms, sorted, by_sorted, by_normal, by_feature, seen, .. } = self;
         let splats = &seen.splats;
-        sorted.add_by_opacity(*by_opacity, by_sorted);
+        sorted.begin_gradients(*by_opacity, by_sorted);
         self.view.pixels_backward(&self.by_view);
         watch.lap(VIEW, "backward");
         self.view.gather(sorted, by_sorted, by_feature);

@@ -2,6 +2,7 @@
 
 use super::bands::Band;
 use super::block::TILE;
+use super::gather::Gather;
 use super::image::Image;
 use super::primitive::{Ellipsoid, Primitive};
 use super::project::{CHUNK, Chunk, FrameCamera, Projection};
@@ -146,7 +147,7 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>, P: Primitive> Rasterizer<T
         let outputs = gradients.par_chunks_mut(CHUNK).zip(by_feature.par_chunks_mut(CHUNK));
         self.chunks.par_iter_mut().zip(outputs).enumerate().for_each(
             |(k, (chunk, (gradients, by_feature)))| {
-                chunk.gather(k, bands, sorted, camera, gradients, by_feature);
+                T::dispatch(Gather { chunk, index: k, bands, sorted, camera, gradients, by_feature });
             },
         );
     }

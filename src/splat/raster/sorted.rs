@@ -122,10 +122,12 @@ impl<T: SimdReal> SortedSplats<T> {
         self.opacities.iter().sum::<f64>() / self.len().max(1) as f64
     }
 
-    /// Adds the derivative `by_opacity` with respect to the opacity of each splat to `gradients`, which are in the order of ranks.
-    pub fn add_by_opacity(&self, by_opacity: T, gradients: &mut [SplatGradient<T>]) {
+    /// Begins the sums of `gradients`, in the order of ranks: zero but for the derivative `by_opacity` with respect to the
+    /// opacity of each splat.
+    pub fn begin_gradients(&self, by_opacity: T, gradients: &mut Vec<SplatGradient<T>>) {
+        gradients.resize(self.len(), SplatGradient::default());
         gradients.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
-            by.log_opacity = by.log_opacity + by_opacity * self.opacity(rank);
+            *by = SplatGradient { log_opacity: by_opacity * self.opacity(rank), ..SplatGradient::default() };
         });
     }
 

@@ -303,13 +303,12 @@ impl<T: SimdReal> SatelliteObjective<T> {
         watch: &mut Stopwatch,
     ) {
         let n = splats.len();
-        zeros(&mut self.by_sorted, n);
         zeros(&mut self.by_feature, n);
         zeros(&mut self.by_altitude, n);
         let normals = if self.primitive == PrimitiveKind::Disc { n } else { 0 };
         zeros(&mut self.by_normal, normals);
         let Self { terms, sorted, by_sorted, by_normal, by_feature, by_altitude, .. } = self;
-        sorted.add_by_opacity(terms.by_opacity(), by_sorted);
+        sorted.begin_gradients(terms.by_opacity(), by_sorted);
         let mut by = (&mut by_sorted[..], &mut by_normal[..]);
         backward(self.view.as_mut(), VIEW, sorted, &self.by_view, &mut by, by_feature, watch);
         for by_virtual in terms.by_virtual_view() {
