@@ -2,9 +2,9 @@
 
 use super::datum::warn_of_shift;
 use super::report::renew_report;
-use super::scene_fingerprint::scene_fingerprint;
-use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
-use super::tiled::require_no_tile;
+use super::run_folder::scene_fingerprint::scene_fingerprint;
+use super::run_folder::stage::{Fingerprint, Stage, hash, hash_file, or_none};
+use super::run_folder::tiled::require_no_tile;
 use super::{PipelineError, RunLock, outdated, read_scene, relocation};
 use crate::bundle::{
     self, Adjustment, BundleOptions, CellStore, ControlPoint, CorrectionModel, HeightPrior, LeftOut, Report,

@@ -3,7 +3,7 @@
 use super::datum::warn_of_shift;
 use super::relocation::{self, RECORD, Record};
 use super::report::renew_report;
-use super::tiled::{require_no_tile, require_one_area};
+use super::run_folder::tiled::{require_no_tile, require_one_area};
 use super::{PipelineError, RunLock, read_scene};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control, stated_accuracy_m};
 use crate::coregister::{Coregistration, to_control, to_surface};

@@ -1,6 +1,7 @@
 //! The cameras of a run or a scene as cameras of depth maps.
 
-use super::perspective::{self, PerspectiveCameras};
+use super::PerspectiveCameras;
+use super::run_folder::perspective_manifest;
 use super::{PipelineError, TrainedCameras};
 use crate::affine::{SiteScene, SiteView, ViewCamera};
 use crate::frame::{Point, SiteGrid};
@@ -29,7 +30,7 @@ impl DepthViews {
             let cameras = scene.views.iter().map(|v| (v.name.clone(), DepthCamera::Pinhole(v.camera)));
             return Ok(Self { cameras: cameras.collect(), site: scene.georeference.map(|g| g.grid) });
         }
-        if perspective::is_run(path) {
+        if perspective_manifest::is_run(path) {
             let PerspectiveCameras { views, site, .. } = PerspectiveCameras::read(path)?;
             let training = views.iter().filter(|v| v.role == Role::Train);
             let cameras = training.map(|v| (v.name.clone(), DepthCamera::Pinhole(v.camera())));

@@ -3,10 +3,9 @@
 use super::outdated;
 use super::products::Products;
 use super::report::renew_report;
-use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
-use super::surface_source::{SurfaceSource, satellite_surface};
-use super::tiled::{require_one_area, require_own_tile};
-use super::train::KnownSurface;
+use super::run_folder::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
+use super::run_folder::tiled::{require_one_area, require_own_tile};
+use super::surface_source::{KnownSurface, SurfaceSource, satellite_surface};
 use super::{PipelineError, RunLock};
 use crate::dsm::{CellCounts, Dsm, Heights, hillshade};
 use crate::frame::{SiteBox, SiteGrid};

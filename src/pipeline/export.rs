@@ -1,12 +1,10 @@
 //! A run in the forms that other programs read: `satgs export`.
 
-use super::cameras::require_image;
 use super::colmap_folder::ColmapFolder;
 use super::exported::{ExportedPly, ExportedView, ExportedViews, PinholeFit};
-use super::{
-    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, perspective, read_scene,
-    relocation,
-};
+use super::run_folder::perspective_manifest;
+use super::run_folder::satellite_cameras::require_image;
+use super::{PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, read_scene, relocation};
 use crate::affine::SiteScene;
 use crate::bundle::{Adjustment, TiePointObservation};
 use crate::export::{ColmapBuilder, ExportError, Fitted, LocalPinhole, PlyVariant, Resampled};
@@ -36,7 +34,7 @@ pub fn export_colmap(
     progress: &dyn Progress,
 ) -> Result<ExportedViews, PipelineError> {
     let target = ColmapFolder::new(folder, overwrite)?;
-    let is_perspective = perspective::is_run(run);
+    let is_perspective = perspective_manifest::is_run(run);
     let export = if is_perspective { photographs } else { satellites };
     let Parts { model, views, left_out, site } = export(run, &target, progress)?;
     if views.is_empty() {
@@ -159,7 +157,7 @@ pub fn export_ply(
         }
     }
     check_writable(file)?;
-    let (splats, site) = if perspective::is_run(run) {
+    let (splats, site) = if perspective_manifest::is_run(run) {
         let cameras = PerspectiveCameras::read(run)?;
         (PerspectiveCameras::read_splats(run)?, cameras.site)
     } else {

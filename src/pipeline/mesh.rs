@@ -5,7 +5,8 @@ use super::depth_views::{is_run, read_perspective};
 use super::mesh_sources::{
     ViewDepths, depths_of_scene, of_perspective_run, of_satellite_run, of_scene, sampled_depths,
 };
-use super::perspective::{self, PerspectiveCameras, PerspectiveManifest};
+use super::run_folder::perspective_manifest;
+use super::{PerspectiveCameras, PerspectiveManifest};
 use crate::io::{check_writable, replaces_georeference};
 use crate::mesh::{FuseOptions, FusedMesh, KeptPieces, MeshFormat};
 use crate::mvs::DSM_CELL_M;
@@ -205,7 +206,7 @@ impl Source {
             }
             return Ok(Self::Scene(DepthDefaults::of_scene(&read_perspective(input)?, options)?));
         }
-        if !perspective::is_run(input) {
+        if !perspective_manifest::is_run(input) {
             return Ok(Self::SatelliteRun);
         }
         Ok(Self::PerspectiveRun(DepthDefaults::of_run(input, options)?))

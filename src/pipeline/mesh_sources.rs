@@ -1,7 +1,7 @@
 //! The depth maps that a mesh is fused from: a scene's own, or those that a trained run shows.
 
+use super::PerspectiveCameras;
 use super::depth_views::{read_perspective, seen_part, trained_box};
-use super::perspective::PerspectiveCameras;
 use super::{PipelineError, TrainedCameras, relocation};
 use crate::affine::ViewCamera;
 use crate::dsm::{nadir_camera, view_altitudes};

@@ -1,9 +1,11 @@
 //! Scores of rendered images against images that were held back from training: `satgs nvs-eval`.
 
-use super::appearance::{self, SceneColors};
-use super::cameras::require_images;
+use super::appearance;
 use super::nvs_scores::{NvsOptions, NvsScores, Protocol, ViewScore};
 use super::render::find;
+use super::run_folder::colors::SceneColors;
+use super::run_folder::perspective_manifest;
+use super::run_folder::satellite_cameras::require_images;
 use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::TrainingView;
 use crate::nn::lpips::Lpips;
@@ -26,7 +28,7 @@ pub fn nvs_eval(
 ) -> Result<NvsScores, PipelineError> {
     let NvsOptions { views: names, protocol, lpips } = options;
     let lpips = lpips.as_deref().map(Lpips::read).transpose()?;
-    if perspective::is_run(run) {
+    if perspective_manifest::is_run(run) {
         if protocol.is_some() {
             let what = "this protocol of scores";
             return Err(PipelineError::NoTrainedColors { run: run.into(), what });

@@ -11,7 +11,7 @@
 //! `report.html` is written anew after each.
 
 use super::products::Products;
-use super::stage::{Fingerprint, adjustment_fingerprint, hash_file, made_from};
+use super::run_folder::stage::{Fingerprint, adjustment_fingerprint, hash_file, made_from};
 use super::{PipelineError, evaluate};
 use crate::io::{WriteError, read_json, remove_if_there};
 use crate::progress::{Event, Progress};

@@ -1,7 +1,7 @@
 //! Which optional products of its present surface a run has, so that others can be added later.
 
 use super::PipelineError;
-use super::stage::{Fingerprint, hash};
+use super::run_folder::stage::{Fingerprint, hash};
 use crate::io::{read_json, write_json};
 use crate::run_files::PRODUCTS;
 use std::collections::BTreeMap;

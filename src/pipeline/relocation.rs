@@ -3,8 +3,8 @@
 //! The moved files are written into a folder beside the present ones, which is then renamed to `RUN/align.pending`. From
 //! then on the run counts as moved: whichever call comes next puts the files in their place first.
 
-use super::appearance::hash_of;
-use super::stage::Stage;
+use super::run_folder::colors::hash_of;
+use super::run_folder::stage::Stage;
 use super::{PipelineError, RunLock, TrainedCameras, outdated};
 use crate::bundle::Adjustment;
 use crate::coregister::{Coregistration, Shift};

@@ -1,7 +1,9 @@
 //! Images of a trained run from any direction, under any sun: `satgs render`.
 
-use super::appearance::{SceneColors, embedding_at};
+use super::appearance::embedding_at;
 use super::render_options::{Colors, RenderOptions, RenderSummary, Viewpoint};
+use super::run_folder::colors::SceneColors;
+use super::run_folder::perspective_manifest;
 use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::{SiteScene, SiteView, sun_direction};
 use crate::bundle::Adjustment;
@@ -40,7 +42,7 @@ pub fn render(
     if ((options.depth || options.normals) && !is_raster) || (options.strip && is_raster) {
         return Err(PipelineError::ImageFormat { path: output.into() });
     }
-    if perspective::is_run(run) {
+    if perspective_manifest::is_run(run) {
         return perspective::render(run, output, is_raster, options, progress);
     }
     relocation::finish(run)?;

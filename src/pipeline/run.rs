@@ -2,7 +2,8 @@
 
 use super::adjust::adjust_locked;
 use super::dsm::{before_training, dsm_locked};
-use super::train::{KnownSurface, train_locked};
+use super::surface_source::KnownSurface;
+use super::train::train_locked;
 use super::{
     AdjustOptions, DsmOptions, EvaluateOptions, PipelineError, RunLock, StageResult, TrainOptions, evaluate,
     report,

@@ -1,8 +1,9 @@
 //! What a surface model is made of: a trained satellite scene, or a perspective scene with a place on Earth.
 
-use super::appearance::SceneColors;
-use super::cameras::require_image;
-use super::{PerspectiveCameras, PipelineError, TrainedCameras, perspective, read_scene, relocation};
+use super::run_folder::colors::SceneColors;
+use super::run_folder::perspective_manifest;
+use super::run_folder::satellite_cameras::require_image;
+use super::{PerspectiveCameras, PipelineError, TrainedCameras, read_scene, relocation};
 use crate::affine::SiteView;
 use crate::dsm::{Dsm, HeightsFrom, Seeing, render};
 use crate::frame::{SiteBox, SiteGrid};
@@ -31,7 +32,7 @@ pub(super) enum SurfaceSource {
 impl SurfaceSource {
     /// Reads the cameras of a run; the caller holds the lock.
     pub fn read(run: &Path) -> Result<Self, PipelineError> {
-        if perspective::is_run(run) {
+        if perspective_manifest::is_run(run) {
             let cameras = PerspectiveCameras::read(run)?;
             let site = cameras.site.ok_or_else(|| PipelineError::NoGeoreference { run: run.into() })?;
             return Ok(Self::Perspective(Box::new(cameras), site));
@@ -137,3 +138,13 @@ fn seeing(run: &Path, views: &[&SiteView]) -> Result<Vec<Seeing>, PipelineError>
     };
     views.iter().map(of_view).collect()
 }
+
+/// A surface whose heights training will not change, with the cameras and splats that training starts from.
+pub(crate) struct KnownSurface<'a> {
+    pub cameras: TrainedCameras,
+    pub splats: &'a Splats,
+    pub heights: &'a MatchedSurface,
+}
+
+/// What is done with a known surface before splats are trained.
+pub(crate) type SurfaceIsKnown<'a> = &'a mut dyn FnMut(KnownSurface) -> Result<(), PipelineError>;

@@ -1,11 +1,13 @@
 //! Training of an adjusted run: `satgs train`.
 
 use super::appearance::OtherNetworks;
-use super::cameras::require_images;
 use super::predict::prediction_of;
 use super::report::renew_report;
-use super::stage::{Fingerprint, Outcome, adjustment_fingerprint, hash};
-use super::tiled::{require_no_tile, require_one_area};
+use super::run_folder::perspective_manifest;
+use super::run_folder::satellite_cameras::require_images;
+use super::run_folder::stage::{Fingerprint, Outcome, adjustment_fingerprint, hash};
+use super::run_folder::tiled::{require_no_tile, require_one_area};
+use super::surface_source::{KnownSurface, SurfaceIsKnown};
 use super::train_options::TrainOptions;
 use super::trained::{Trained, mean};
 use super::training::Training;
@@ -14,7 +16,6 @@ use super::{
     PipelineError, RunLock, TrainedCameras, appearance, outdated, perspective, read_scene, relocation,
 };
 use crate::affine::{SiteSceneError, median_pixel_m};
-use crate::mvs::MatchedSurface;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, SPLATS, TRAIN_STAGE};
@@ -23,7 +24,6 @@ use crate::splat::appearance::satgs::Cube;
 use crate::splat::loss::{Prior, TermInputs};
 use crate::splat::recipe::Recipe;
 use crate::splat::satellite::{SatelliteScene, SatelliteViews};
-use crate::splat::splats::Splats;
 use crate::splat::train::Schedule;
 use crate::splat::train::expectation::Extent;
 use std::path::Path;
@@ -54,16 +54,6 @@ pub fn train(
     Ok(outcome)
 }
 
-/// A surface whose heights training will not change, with the cameras and splats that training starts from.
-pub(crate) struct KnownSurface<'a> {
-    pub cameras: TrainedCameras,
-    pub splats: &'a Splats,
-    pub heights: &'a MatchedSurface,
-}
-
-/// What is done with a known surface before splats are trained.
-pub(crate) type SurfaceIsKnown<'a> = &'a mut dyn FnMut(KnownSurface) -> Result<(), PipelineError>;
-
 /// As [`train`]; the caller holds the lock.
 pub(crate) fn train_locked(
     run: &Path,
@@ -71,7 +61,7 @@ pub(crate) fn train_locked(
     progress: &dyn Progress,
     surface_is_known: SurfaceIsKnown,
 ) -> Result<Outcome<Trained>, PipelineError> {
-    let trained = if perspective::is_run(run) {
+    let trained = if perspective_manifest::is_run(run) {
         perspective::train_locked(run, options, progress)?
     } else {
         train_satellites(run, options, progress, surface_is_known)?

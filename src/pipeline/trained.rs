@@ -1,6 +1,6 @@
 //! The figures of a training.
 
-use super::stage::Outcome;
+use super::run_folder::stage::Outcome;
 use serde::{Deserialize, Serialize};
 
 /// The figures of a training.

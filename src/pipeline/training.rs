@@ -1,6 +1,6 @@
 //! One training of a run: what it reads, starts from and writes.
 
-use super::stage::adjustment_fingerprint;
+use super::run_folder::stage::adjustment_fingerprint;
 use super::{PipelineError, TrainOptions, TrainedCameras, predict};
 use crate::affine::{SiteScene, TrainingView};
 use crate::bundle::Adjustment;

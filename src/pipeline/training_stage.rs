@@ -2,7 +2,7 @@
 //! colours differ in what they start from and what they write.
 
 use super::PipelineError;
-use super::stage::{Fingerprint, Stage};
+use super::run_folder::stage::{Fingerprint, Stage};
 use super::train_options::TrainOptions;
 use super::trained::mean;
 use crate::io::{RgbImage, WriteError, write_atomically};

@@ -1,10 +1,10 @@
 //! The page that shows a run: `satgs view`.
 
 use super::page_layers::{add_mesh, add_points, add_relief, add_splats, add_tie_points, grouped};
-use super::tiled::require_one_area;
+use super::run_folder::perspective_manifest;
+use super::run_folder::tiled::require_one_area;
 use super::{
-    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, perspective,
-    relocation,
+    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, relocation,
 };
 use crate::affine::{SiteScene, SiteView};
 use crate::io::{check_writable, write_file};
@@ -88,7 +88,7 @@ pub fn view_page(run: &Path) -> Result<ViewerPage, PipelineError> {
     }
     let folder = run.canonicalize().unwrap_or_else(|_| run.into());
     let title = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    if perspective::is_run(run) { perspective_page(run, title) } else { satellite_page(run, title) }
+    if perspective_manifest::is_run(run) { perspective_page(run, title) } else { satellite_page(run, title) }
 }
 
 fn satellite_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError> {

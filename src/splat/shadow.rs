@@ -6,8 +6,7 @@
 //! the opposite sign, which would darken what stands above its surroundings.
 
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
-use crate::splat::loss::Scaled;
-use crate::splat::raster::{Image, channel, stripe_rows};
+use crate::splat::raster::{Image, Scaled, channel, stripe_rows};
 use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
 

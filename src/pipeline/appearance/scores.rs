@@ -1,8 +1,8 @@
 //! Scores of novel views with trained colours, by three protocols.
 
 use super::super::nvs_scores::{NvsScores, Protocol, ViewScore};
+use super::super::run_folder::colors::SceneColors;
 use super::super::{PipelineError, TrainedCameras, report};
-use super::trained::SceneColors;
 use crate::affine::{SiteScene, SiteView, TrainingView};
 use crate::io::{Grid2, RgbImage, write_json};
 use crate::nn::lpips::Lpips;

@@ -1,10 +1,10 @@
 //! The second training of a run, of colours for novel views.
 
-use super::super::stage::{Fingerprint, Outcome, hash, hash_file};
+use super::super::run_folder::colors::hash_of;
+use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
 use super::super::trained::TrainedColors;
 use super::super::training_stage::{Iterated, TrainingStage};
 use super::super::{PipelineError, TrainOptions, TrainedCameras};
-use super::trained::hash_of;
 use crate::affine::{SiteScene, median_pixel_m};
 use crate::io::write_json;
 use crate::nn::features::{DenseFeatures, HandFeatures, OnnxFeatures};

@@ -2,9 +2,9 @@
 
 use super::super::PipelineError;
 use super::super::predict::prediction_of;
+use super::super::run_folder::perspective_fingerprint::perspective_fingerprint;
+use super::super::scene_points::{start_points, starts_from_depths};
 use super::super::train_options::TrainOptions;
-use super::scene_fingerprint::scene_fingerprint;
-use super::start::{start_points, starts_from_depths};
 use crate::frame::{Point, Site};
 use crate::perspective::{Layout, PerspectiveScene, PerspectiveView};
 use crate::prior::{
@@ -67,7 +67,7 @@ pub(super) fn starts_from_matches(
     options: &TrainOptions,
 ) -> Result<bool, PipelineError> {
     let has_own = !scene.points.is_empty() || starts_from_depths(scene, options.reference_points);
-    Ok(!has_own && prediction_of(run, &scene_fingerprint(scene)?)?.is_none())
+    Ok(!has_own && prediction_of(run, &perspective_fingerprint(scene)?)?.is_none())
 }
 
 /// The priors of all training views, in the frame of training: those that are asked for, else, where the recipe uses them, what the

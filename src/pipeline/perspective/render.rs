@@ -2,7 +2,7 @@
 
 use super::super::PipelineError;
 use super::super::render_options::{Colors, RenderOptions, RenderSummary, Viewpoint};
-use super::cameras::PerspectiveCameras;
+use super::super::run_folder::perspective_cameras::PerspectiveCameras;
 use crate::io::{SensorImage, check_writable, write_png_rgb};
 use crate::progress::{Event, Progress};
 use std::path::Path;

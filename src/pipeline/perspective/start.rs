@@ -1,9 +1,10 @@
 //! What the training of a perspective scene starts from.
 
+use super::super::scene_points::start_points;
 use super::super::{PipelineError, TrainOptions, predict};
 use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
-use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
+use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint};
 use crate::predict::Predictor;
 use crate::prior::{
     AlignedStart, AlignmentQuality, Completion, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS,
@@ -20,10 +21,6 @@ use crate::splat::splats::Splats;
 use crate::stats::quantile;
 use std::path::Path;
 
-/// Depth maps give a point cloud to start from: that of every n-th view with one, thinned to one point in a cube of this side,
-/// working units.
-const DEPTHS_OF_EVERY: usize = 10;
-const DEPTHS_THINNED_TO: f64 = 0.05;
 /// The box of the points leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
 /// Least distance of points of a dense start, as a share of the scene's diagonal.
@@ -33,25 +30,6 @@ const MOST_ALIGNED: usize = 250_000;
 
 /// Folder of filled pictures of pseudo-views, in that of priors.
 const INPAINTED: &str = "inpainted";
-
-/// The points of the scene, else those of its depth maps: of those that are a reference only if `of_reference`. `unit` is the
-/// length of a working unit ([`WorkingFrame`](crate::splat::pinhole::WorkingFrame)) in the frame of the scene.
-pub fn start_points(
-    scene: &PerspectiveScene,
-    unit: f64,
-    of_reference: bool,
-) -> Result<Vec<ScenePoint>, PipelineError> {
-    Ok(match scene.points.is_empty() && starts_from_depths(scene, of_reference) {
-        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO * unit)?,
-        false => scene.points.clone(),
-    })
-}
-
-/// Whether training of a scene without points starts from its depth maps: those that are a reference only if `of_reference`.
-pub(super) fn starts_from_depths(scene: &PerspectiveScene, of_reference: bool) -> bool {
-    let is_allowed = of_reference || !scene.layout.has_reference_depths();
-    is_allowed && scene.training().any(|v| v.depth.is_some())
-}
 
 /// The splats that training begins with: those that were predicted, else at the scene's points, else at those of its depth maps,
 /// else at random; by priors of depths where the recipe has it so. All are in the working frame. Pictures of what priors gave go

@@ -2,42 +2,31 @@
 
 use super::super::PipelineError;
 use super::super::predict::{prediction_of, read_predicted};
-use super::super::stage::{Fingerprint, Outcome, hash, hash_file};
+use super::super::run_folder::own_images::require_own_images;
+use super::super::run_folder::perspective_cameras::write_trained;
+use super::super::run_folder::perspective_fingerprint::perspective_fingerprint;
+use super::super::run_folder::perspective_manifest::PerspectiveManifest;
+use super::super::run_folder::photographs::{read_views, require_fine_coordinates};
+use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
 use super::super::train_options::TrainOptions;
 use super::super::trained::Trained;
 use super::super::training_stage::{Iterated, Snapshot, TrainingStage};
-use super::cameras::{PerspectiveCameras, TrainedPhoto};
-use super::images::require_own_images;
-use super::manifest::PerspectiveManifest;
 use super::prior_pictures;
 use super::priors::{matched_scene, prior_sources, priors, starts_from_matches};
-use super::scene_fingerprint::scene_fingerprint;
 use super::start::splats_at_start;
-use crate::affine::SiteSceneError;
-use crate::io::write_json;
-use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
+use crate::perspective::PerspectiveScene;
 use crate::predict::Model;
 use crate::prior::{PriorContent, PriorFolder, PriorMaker, PriorSource};
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, PRIOR_PICTURES, SPLATS, START, TRAIN_STAGE};
-use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::pinhole::{PinholeView, PinholeViews, WorkingFrame, comparison, extent_m};
-use crate::splat::ply;
 use crate::splat::recipe::Recipe;
-use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
-use crate::stats::quantile;
-use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Largest spacing of coordinates as a share of the extent of the cameras.
-const COARSEST: f64 = 1e-4;
-/// The box of the splats leaves out this share at each side: a few float far away.
-const OUTSIDE: f64 = 0.02;
 
 /// Trains the perspective scene of a run, unless that was done with the same input and options; goes on from a checkpoint of
 /// the same input and options. The caller holds the lock.
@@ -54,7 +43,7 @@ pub fn train_locked(
 }
 
 /// As [`train_locked`], of a scene that was read already. Its manifest is written unless the run was made from another scene.
-pub(super) fn train_scene(
+pub fn train_scene(
     run: &Path,
     manifest: &PerspectiveManifest,
     scene: &PerspectiveScene,
@@ -91,7 +80,7 @@ pub(super) fn train_scene(
             let _ = std::fs::remove_dir_all(run.join(START));
             let _ = std::fs::remove_dir_all(run.join(PRIOR_PICTURES));
             let site = scene.georeference.as_ref().map(|g| &g.grid);
-            let predicted = read_predicted(run, &scene_fingerprint(scene)?, site)?;
+            let predicted = read_predicted(run, &perspective_fingerprint(scene)?, site)?;
             let predicted = predicted.map(|(splats, _)| frame.enter_splats(splats));
             let start = splats_at_start(&working, predicted, &views, &recipe, options, run, progress)?;
             Iterated::start(TrainingState::start(start, AppearanceKind::default(), 0, options.seed))
@@ -133,97 +122,6 @@ pub(super) fn train_scene(
     Ok(Outcome::Made(trained))
 }
 
-/// Writes the splats of a scene, in its own frame, and its cameras to a run folder.
-pub fn write_trained(
-    run: &Path,
-    scene: &PerspectiveScene,
-    frame: &WorkingFrame,
-    splats: &Splats,
-    recipe: Recipe,
-) -> Result<PerspectiveCameras, PipelineError> {
-    let site = scene.georeference.as_ref().map(|g| g.grid);
-    match &site {
-        Some(site) => ply::write(&run.join(SPLATS), splats, site)?,
-        None => ply::write_local(&run.join(SPLATS), splats)?,
-    }
-    let [x, y, z] = [0, 1, 2].map(|k| range(splats, k));
-    let training: Vec<PinholeCamera> = scene.training().map(|v| v.camera).collect();
-    let cameras = PerspectiveCameras {
-        site,
-        extent_m: extent_m(&training),
-        unit: frame.unit(),
-        area: (x.0, y.0, x.1, y.1),
-        altitudes: z,
-        views: scene.views.iter().map(TrainedPhoto::new).collect(),
-        recipe,
-    };
-    write_json(&run.join(CAMERAS), &cameras)?;
-    Ok(cameras)
-}
-
-/// Splats in files have coordinates of single precision: far from the origin, as on a map, they cannot be placed.
-pub fn require_fine_coordinates(scene: &PerspectiveScene) -> Result<(), PipelineError> {
-    let cameras: Vec<PinholeCamera> = scene.training().map(|view| view.camera).collect();
-    let extent_m = extent_m(&cameras);
-    let farthest = cameras.iter().map(|c| c.center.abs().max_element()).fold(0.0, f64::max);
-    if farthest * f64::from(f32::EPSILON) > COARSEST * extent_m {
-        return Err(PipelineError::FarFromOrigin { farthest, extent: extent_m });
-    }
-    Ok(())
-}
-
-/// Reads the images of the training views.
-pub fn read_views(
-    scene: &PerspectiveScene,
-    progress: &dyn Progress,
-) -> Result<Vec<PinholeView>, PipelineError> {
-    let training: Vec<&PerspectiveView> = scene.training().collect();
-    if training.is_empty() {
-        return Err(SiteSceneError::NoViews.into());
-    }
-    let held_back: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.role == Role::Test).collect();
-    let total = (training.len() + held_back.len()) as u64;
-    progress.event(Event::Started { stage: "reading images", total });
-    let mut views = Vec::with_capacity(training.len());
-    // As many at a time as there are threads: an undistorted image is several times as large as what is kept of it.
-    let at_a_time = rayon::current_num_threads().max(1);
-    // What is wrong with a view to be scored shows before the training.
-    for (k, some) in held_back.chunks(at_a_time).enumerate() {
-        progress.check()?;
-        some.par_iter()
-            .map(|view| view.read_image().map(drop))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .collect::<Result<(), _>>()?;
-        let done = held_back.len().min((k + 1) * at_a_time) as u64;
-        progress.event(Event::Advanced { done, status: String::new() });
-    }
-    for some in training.chunks(at_a_time) {
-        progress.check()?;
-        let read: Vec<Result<PinholeView, PipelineError>> =
-            some.par_iter().map(|view| read_view(view)).collect();
-        for view in read {
-            views.push(view?);
-        }
-        let done = (held_back.len() + views.len()) as u64;
-        progress.event(Event::Advanced { done, status: String::new() });
-    }
-    progress.event(Event::Finished);
-    Ok(views)
-}
-
-/// A view with its pixels.
-pub(super) fn read_view(view: &PerspectiveView) -> Result<PinholeView, PipelineError> {
-    Ok(PinholeView::of_image(view.name.clone(), view.camera, &view.read_image()?))
-}
-
-/// Lowest and highest coordinate of the splats, without the outermost.
-fn range(splats: &Splats, axis: usize) -> (f64, f64) {
-    let values = || splats.position.iter().map(|p| f64::from(p[axis])).collect();
-    let at = |share: f64| quantile(values(), share).unwrap_or(0.0);
-    (at(OUTSIDE), at(1.0 - OUTSIDE))
-}
-
 /// What a training is made from; its keys are the names of options on the command line.
 fn fingerprint(
     run: &Path,
@@ -236,7 +134,7 @@ fn fingerprint(
         value.map_err(|source| PipelineError::Json { what, source })
     };
     let choices = json("the recipe", serde_json::to_string(&options.recipe_as_written()?))?;
-    let mut out = scene_fingerprint(scene)?;
+    let mut out = perspective_fingerprint(scene)?;
     let prediction = prediction_of(run, &out)?;
     out.extend([
         ("--recipe".into(), recipe.name.clone()),

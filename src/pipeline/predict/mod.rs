@@ -7,8 +7,9 @@ mod satellites;
 mod splats;
 mod start;
 
-use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
-use super::{PipelineError, RunLock, outdated, perspective, relocation};
+use super::run_folder::perspective_manifest;
+use super::run_folder::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
+use super::{PipelineError, RunLock, outdated, relocation};
 use crate::io::{WriteError, remove_if_there};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::predict::{CleanUp, ImageNetwork, Model, Predictor};
@@ -75,7 +76,7 @@ pub fn predict(
         return photographs::predict_scene(run, out, options, progress);
     }
     let _lock = RunLock::existing(run)?;
-    if perspective::is_run(run) {
+    if perspective_manifest::is_run(run) {
         photographs::predict_run(run, out, options, progress)
     } else {
         satellites::predict(run, out, options, progress)

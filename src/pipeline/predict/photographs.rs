@@ -6,12 +6,14 @@ use super::splats::of_photographed_points;
 use super::{Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
-use crate::pipeline::perspective::{
-    PerspectiveManifest, read_views, require_fine_coordinates, require_own_images, scene_fingerprint,
-    start_points, tell_of_scene, write_trained,
-};
-use crate::pipeline::stage::{Outcome, hash_file};
-use crate::pipeline::{PipelineError, TrainOptions};
+use crate::pipeline::run_folder::own_images::require_own_images;
+use crate::pipeline::run_folder::perspective_cameras::write_trained;
+use crate::pipeline::run_folder::perspective_fingerprint::perspective_fingerprint;
+use crate::pipeline::run_folder::photographs::{read_views, require_fine_coordinates};
+use crate::pipeline::run_folder::stage::{Outcome, hash_file};
+use crate::pipeline::run_folder::tell_of_scene::tell_of_scene;
+use crate::pipeline::scene_points::start_points;
+use crate::pipeline::{PerspectiveManifest, PipelineError, TrainOptions};
 use crate::progress::Progress;
 use crate::run_files::{PREDICTED, PREDICTED_LIGHTS};
 use crate::splat::appearance::Appearance;
@@ -55,7 +57,7 @@ fn predict(
     let recipe = TrainOptions { recipe: Recipe::OF_PERSPECTIVE_SCENES.into(), ..TrainOptions::default() };
     let recipe = recipe.perspective_recipe()?;
     let file = options.points.as_deref();
-    let mut made_from = scene_fingerprint(scene)?;
+    let mut made_from = perspective_fingerprint(scene)?;
     made_from.insert("--points".into(), file.map_or_else(|| "those of the scene".into(), hash_file));
     made_from.insert("--keep-place".into(), options.keeps_place.to_string());
     let (output, kept) = Output::open(out, made_from, options, progress)?;

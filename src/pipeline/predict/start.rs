@@ -3,7 +3,7 @@
 use crate::frame::SiteGrid;
 use crate::io::{ReadError, read_georeference, read_json};
 use crate::pipeline::PipelineError;
-use crate::pipeline::stage::{Fingerprint, hash_file, made_from};
+use crate::pipeline::run_folder::stage::{Fingerprint, hash_file, made_from};
 use crate::run_files::{PREDICT_STAGE, PREDICTED, PREDICTED_LIGHTS, STAGE};
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;

@@ -5,8 +5,7 @@
 
 use super::model::{AppearanceModel, ShadingGradient, ShadingInput};
 use crate::simd::{Arithmetic, MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
-use crate::splat::loss::Scaled;
-use crate::splat::raster::{Image, stripe_rows};
+use crate::splat::raster::{Image, Scaled, stripe_rows};
 use rayon::prelude::*;
 
 /// Number of parameters of a view: `W` row by row, `t`, `κ`.

@@ -2,8 +2,7 @@
 
 use super::light::SplatLight;
 use crate::simd::Real;
-use crate::splat::loss::Scaled;
-use crate::splat::raster::Image;
+use crate::splat::raster::{Image, Scaled};
 use crate::splat::splats::{Splats, color_from_f_dc, f_dc_gradient};
 use rayon::prelude::*;
 

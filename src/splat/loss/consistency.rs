@@ -3,10 +3,10 @@
 //! The virtual view is a render with the view's camera and a random shear. Where both renders show the same surface, their
 //! altitudes and colours must agree.
 
-use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
-use crate::splat::raster::{Image, channel, stripe_rows};
+use crate::splat::raster::{Image, Scaled, channel, stripe_rows};
 use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
 

@@ -4,10 +4,10 @@
 //! Of a pixel with the weights `w` and mapped depths `m` of its discs, it is the sum of `w_i w_j (m_i - m_j)²` over all pairs,
 //! which is `A M2 - M1²` with the opacity `A` and the moments of the mapped depths.
 
-use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
-use crate::splat::raster::{Image, disc_plane};
+use crate::splat::raster::{Image, Scaled, disc_plane};
 use rayon::prelude::*;
 
 /// Weight and column are those of mapped depths `far / (far - near) (1 - near / z)` between 0.2 and 100 (2DGS), in the unit of the

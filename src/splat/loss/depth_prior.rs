@@ -16,12 +16,12 @@
 //! Depths that were aligned with points of the scene are correlated too: what is left of their errors is in part one of scale and shift.
 
 use super::normal_consistency::OPACITY_OFFSET;
-use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::io::Grid2;
 use crate::prior::DepthKind;
 use crate::simd::SimdReal;
-use crate::splat::raster::{Image, channel, disc_plane};
+use crate::splat::raster::{Image, Scaled, channel, disc_plane};
 use rayon::prelude::*;
 
 /// Weights and columns of the two parts.

@@ -5,10 +5,10 @@
 //! the left, right, upper and lower pixels; it counts with the opacity, through which no derivative goes, as in the authors'
 //! program. Pixels on the border, and those that are or touch pixels with an opacity below one half, have none.
 
-use super::term::{ByView, DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
+use super::term::{ByView, DiscView, LossTerm, Rendered, SurfaceDepth, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::{Real, SimdReal};
-use crate::splat::raster::{Image, channel, disc_plane};
+use crate::splat::raster::{Image, Scaled, channel, disc_plane};
 use rayon::prelude::*;
 use std::ops::Range;
 

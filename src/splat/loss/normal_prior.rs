@@ -5,10 +5,10 @@
 //! derivative by `N` is `-(P - cos N / |N|) / |N|`.
 
 use super::depth_prior::LEAST_OPACITY;
-use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
-use crate::splat::raster::{Image, channel, disc_plane};
+use crate::splat::raster::{Image, Scaled, channel, disc_plane};
 use rayon::prelude::*;
 
 /// The column is the mean of one minus the cosine.

@@ -7,11 +7,11 @@
 //! With `x` the picture and `y` the target, SSIM is a function of four blurred images: `x`, `y`, `xx + yy` and `xy`, the
 //! *moments*. Its gradient by `x` is the blur of its derivatives by the moments, as the window is symmetric.
 
-use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
-use crate::splat::raster::Image;
+use crate::splat::raster::{Image, Scaled};
 use rayon::prelude::*;
 
 /// The term has weight 1; its columns are the mean absolute difference of linear colours and the mean SSIM.

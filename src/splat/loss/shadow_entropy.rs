@@ -1,10 +1,10 @@
 //! The mean binary entropy of the share of sunlight (EOGS's `L_translucentshadows`), which makes each pixel either sunlit or
 //! shadowed.
 
-use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::{Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
-use crate::splat::raster::{Image, stripe_rows};
+use crate::splat::raster::{Image, Scaled, stripe_rows};
 use rayon::prelude::*;
 
 /// One weight, and one column: the mean entropy in bits.

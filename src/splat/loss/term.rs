@@ -2,10 +2,10 @@
 
 use super::prior_targets::PriorTargets;
 use crate::perspective::PinholeCamera;
-use crate::simd::{Real, Simd, SimdVec};
+use crate::simd::Real;
 use crate::splat::anchored::Anchoring;
 use crate::splat::appearance::SplatLight;
-use crate::splat::raster::Image;
+use crate::splat::raster::{Image, Scaled};
 use crate::splat::shear_warp::ShearWarp;
 use crate::splat::splats::Splats;
 use serde::{Deserialize, Serialize};
@@ -92,31 +92,6 @@ impl<'a, T> Rendered<'a, T> {
             splats,
             mean_opacity: 0.0,
         }
-    }
-}
-
-/// Derivatives by an image's pixels, still to be multiplied by a factor.
-#[derive(Clone, Copy, Debug)]
-pub struct Scaled<'a, T> {
-    /// The derivatives.
-    pub image: &'a Image<T>,
-    /// The factor.
-    pub factor: T,
-}
-
-impl<T: Real> Scaled<'_, T> {
-    /// Returns `sum` plus the scaled derivatives of a vector of pixels, from column `start` of a row on.
-    #[inline(always)]
-    pub fn add_to<S: Simd<Scalar = T>>(
-        &self,
-        simd: S,
-        sum: SimdVec<S>,
-        channel: usize,
-        row: usize,
-        start: usize,
-    ) -> SimdVec<S> {
-        let factor = SimdVec::broadcast(simd, self.factor);
-        factor.mul_add(SimdVec::load_from(simd, self.image.row(channel, row), start), sum)
     }
 }
 

@@ -1,10 +1,10 @@
 //! The terms of the loss together: their sum, and the sums of their derivatives.
 
-use super::term::{ByView, LossTerm, Rendered, Scaled};
+use super::term::{ByView, LossTerm, Rendered};
 use super::{COLUMNS, LossWeights, TERMS, column_names};
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec};
 use crate::splat::appearance::SplatLight;
-use crate::splat::raster::Image;
+use crate::splat::raster::{Image, Scaled};
 use crate::splat::splats::Splats;
 use crate::splat::stopwatch::Stopwatch;
 use rayon::prelude::*;

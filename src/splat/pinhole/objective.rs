@@ -5,13 +5,11 @@
 
 use super::super::anchored::Anchoring;
 use super::super::harmonics::{SeenFrom, colors, colors_backward};
-use super::super::loss::{
-    DiscView, LossWeights, Losses, PriorTargets, Rendered, Scaled, SurfaceDepth, TermSet,
-};
+use super::super::loss::{DiscView, LossWeights, Losses, PriorTargets, Rendered, SurfaceDepth, TermSet};
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
-    DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, SortedSplats, SplatGradient,
-    channel, disc_plane,
+    DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, Scaled, SortedSplats,
+    SplatGradient, channel, disc_plane,
 };
 use super::super::seen_gradient::SeenGradient;
 use super::super::splats::Splats;

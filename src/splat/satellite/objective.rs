@@ -11,10 +11,10 @@ use crate::splat::anchored::Anchoring;
 use crate::splat::appearance::{
     AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
-use crate::splat::loss::{LossWeights, Losses, Rendered, Scaled, TermSet};
+use crate::splat::loss::{LossWeights, Losses, Rendered, TermSet};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::{
-    FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer, zeros,
+    FrameCamera, Image, Renderer, Scaled, SortedSplats, SplatGradient, channel, renderer, zeros,
 };
 use crate::splat::shadow::ShadowModel;
 use crate::splat::sheared_camera::{ShearedCamera, SunView};

@@ -19,8 +19,7 @@ use super::model::{AppearanceModel, ColorInput, ParameterGradient, ShadingGradie
 use crate::nn::linear::BLOCK;
 use crate::nn::mlp::MlpBlock;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal};
-use crate::splat::loss::Scaled;
-use crate::splat::raster::Image;
+use crate::splat::raster::{Image, Scaled};
 use crate::splat::splats::{Splats, color_from_f_dc, f_dc_gradient};
 use block::{Backward, BlockBuffers, BlockInput, Forward, GradientSums, ViewNetworks, logistic};
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! One command at a time works in a run folder.
 
-use super::PipelineError;
+use super::super::PipelineError;
 use crate::io::WriteError;
 use crate::run_files::LOCK;
 use std::fs::{File, TryLockError};

@@ -1,13 +1,13 @@
 //! What a perspective scene is, to be compared with what a stage was made from.
 
 use super::super::PipelineError;
-use super::super::stage::{Fingerprint, hash, hash_file};
-use super::cameras::TrainedPhoto;
+use super::perspective_cameras::TrainedPhoto;
+use super::stage::{Fingerprint, hash, hash_file};
 use crate::perspective::PerspectiveScene;
 use crate::scene::Role;
 
 /// What a scene is: its cameras, points and images.
-pub fn scene_fingerprint(scene: &PerspectiveScene) -> Result<Fingerprint, PipelineError> {
+pub fn perspective_fingerprint(scene: &PerspectiveScene) -> Result<Fingerprint, PipelineError> {
     let cameras: Vec<_> = scene.views.iter().map(TrainedPhoto::new).collect();
     let place = scene.georeference.as_ref().map(|g| (g.grid, g.scale, g.rotation, g.translation));
     let cameras = serde_json::to_string(&(cameras, place))

@@ -96,7 +96,7 @@ impl PerspectiveManifest {
     }
 
     /// Writes it into a run.
-    pub(crate) fn write(&self, run: &Path) -> Result<(), PipelineError> {
+    pub fn write(&self, run: &Path) -> Result<(), PipelineError> {
         Ok(write_json(&run.join(SCENE), self)?)
     }
 

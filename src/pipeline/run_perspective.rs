@@ -1,12 +1,11 @@
 //! All stages of the run of a perspective scene.
 
-use super::super::dsm::dsm_locked;
-use super::super::stage_result::StageResult;
-use super::super::{DsmOptions, PipelineError, RunLock, TrainOptions, report};
-use super::manifest::{PerspectiveManifest, is_run};
-use super::reading::tell_of_scene;
-use super::scores::nvs_eval;
-use super::train::train_scene;
+use super::dsm::dsm_locked;
+use super::perspective::{nvs_eval, train_scene};
+use super::run_folder::perspective_manifest::{PerspectiveManifest, is_run};
+use super::run_folder::tell_of_scene::tell_of_scene;
+use super::stage_result::StageResult;
+use super::{DsmOptions, PipelineError, RunLock, TrainOptions, report};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::progress::{Event, Progress};
 use crate::run_files::SCENE;

@@ -1,6 +1,6 @@
 //! What of a scene an adjustment depends on.
 
-use super::PipelineError;
+use super::super::PipelineError;
 use super::stage::{Fingerprint, hash, hash_file};
 use crate::io::vsi;
 use crate::scene::{Scene, sources_of};
@@ -24,7 +24,7 @@ const SCENE_FIELDS: [(&str, &str); 10] = [
 const SHOWN_LENGTH: usize = 200;
 
 /// Hashes of the images and masks, and all other fields of a scene. Paths may change, the content of files may not.
-pub(super) fn scene_fingerprint(scene: &Scene) -> Result<Fingerprint, PipelineError> {
+pub fn scene_fingerprint(scene: &Scene) -> Result<Fingerprint, PipelineError> {
     let mut out = Fingerprint::new();
     let mut content = scene.clone();
     content.warnings.clear();

@@ -1,6 +1,6 @@
 //! Stages of a run: each records what it was made from, so that it is kept, resumed or refused.
 
-use super::PipelineError;
+use super::super::PipelineError;
 use crate::io::{ReadError, check_writable, read_json, remove_if_there, vsi, write_json};
 use crate::run_files::{ADJUSTMENT, APPEARANCE_STAGE, PREDICT_STAGE, STAGE, SUMMARY, TILES};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};

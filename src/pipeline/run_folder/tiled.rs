@@ -1,11 +1,11 @@
 //! Runs of several tiles, and their tiles: which commands work in which of these folders.
 
-use super::PipelineError;
+use super::super::PipelineError;
 use crate::run_files::{DONE, PLAN, SPLATS, TILES};
 use std::path::{Path, PathBuf};
 
 /// An error if a run is cut into tiles, for commands that work on one area: each tile is a run of its own.
-pub(crate) fn require_one_area(run: &Path) -> Result<(), PipelineError> {
+pub fn require_one_area(run: &Path) -> Result<(), PipelineError> {
     if !run.join(PLAN).exists() {
         return Ok(());
     }
@@ -25,7 +25,7 @@ fn run_of_tile(folder: &Path) -> Option<PathBuf> {
 }
 
 /// An error if a folder is a tile of a plan, for commands that would change what the plan says of it.
-pub(crate) fn require_no_tile(folder: &Path) -> Result<(), PipelineError> {
+pub fn require_no_tile(folder: &Path) -> Result<(), PipelineError> {
     match run_of_tile(folder) {
         Some(run) => Err(PipelineError::Tile { folder: folder.into(), run }),
         None => Ok(()),
@@ -33,7 +33,7 @@ pub(crate) fn require_no_tile(folder: &Path) -> Result<(), PipelineError> {
 }
 
 /// As [`require_no_tile`], but a tile that is done may get more products, unless its files were to be replaced.
-pub(super) fn require_own_tile(folder: &Path, overwrite: bool) -> Result<(), PipelineError> {
+pub fn require_own_tile(folder: &Path, overwrite: bool) -> Result<(), PipelineError> {
     if !overwrite && folder.join(DONE).exists() { Ok(()) } else { require_no_tile(folder) }
 }
 

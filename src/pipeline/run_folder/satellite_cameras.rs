@@ -1,7 +1,8 @@
 //! The files of a run folder that later stages read: the scene, and the cameras with what was trained beside splats.
 
+use super::super::PipelineError;
+use super::perspective_manifest::refuse;
 use super::tiled::require_one_area;
-use super::{PipelineError, perspective};
 use crate::affine::SiteScene;
 use crate::io::{ImageFile, read_json, vsi};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
@@ -34,7 +35,7 @@ impl TrainedCameras {
     /// # Errors
     /// [`PipelineError::RunFile`], [`PipelineError::OfTiles`].
     pub fn read(run: &Path) -> Result<Self, PipelineError> {
-        perspective::refuse(run)?;
+        refuse(run)?;
         require_one_area(run)?;
         let made_by = "`satgs train RUN` makes it";
         read_json(&run.join(CAMERAS)).map_err(|source| PipelineError::RunFile { source, made_by })
@@ -98,18 +99,18 @@ impl TrainedCameras {
 /// # Errors
 /// [`PipelineError::RunFile`].
 pub fn read_scene(run: &Path) -> Result<Scene, PipelineError> {
-    perspective::refuse(run)?;
+    refuse(run)?;
     let made_by = "`satgs ba SCENE -o RUN` makes it";
     read_json(&run.join(SCENE)).map_err(|source| PipelineError::RunFile { source, made_by })
 }
 
 /// An error when an image that a run was made from is no longer where it was.
-pub(super) fn require_images(scene: &Scene) -> Result<(), PipelineError> {
+pub fn require_images(scene: &Scene) -> Result<(), PipelineError> {
     scene.views.iter().try_for_each(require_image)
 }
 
 /// As [`require_images`], of one view.
-pub(super) fn require_image(view: &View) -> Result<(), PipelineError> {
+pub fn require_image(view: &View) -> Result<(), PipelineError> {
     if vsi::is_virtual(&view.image) {
         // What GDAL says tells a server that is down from an image that is gone.
         return Ok(ImageFile::open(&view.image).map(drop)?);

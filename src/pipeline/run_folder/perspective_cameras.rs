@@ -2,20 +2,23 @@
 
 use super::super::PipelineError;
 use crate::frame::{SiteBox, SiteGrid};
-use crate::io::read_json;
+use crate::io::{read_json, write_json};
 use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::run_files::{CAMERAS, SPLATS};
 use crate::scene::Role;
-use crate::splat::pinhole::{NEAREST, PinholePicture};
+use crate::splat::pinhole::{NEAREST, PinholePicture, WorkingFrame, extent_m};
 use crate::splat::ply;
 use crate::splat::recipe::Recipe;
 use crate::splat::splats::Splats;
+use crate::stats::quantile;
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Differences that writing a number may make, of lengths as a share.
 const SAME: f64 = 1e-6;
+/// The box of the splats leaves out this share at each side: a few lie far away.
+const OUTSIDE: f64 = 0.02;
 
 /// The content of `cameras.json`: pinhole cameras, the frame they are in, and the recipe that was trained by.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -153,4 +156,39 @@ impl PerspectiveCameras {
             PipelineError::NoView { name: name.into(), views: views.join(", ") }
         })
     }
+}
+
+/// Writes the splats of a scene, in its own frame, and its cameras to a run folder.
+pub fn write_trained(
+    run: &Path,
+    scene: &PerspectiveScene,
+    frame: &WorkingFrame,
+    splats: &Splats,
+    recipe: Recipe,
+) -> Result<PerspectiveCameras, PipelineError> {
+    let site = scene.georeference.as_ref().map(|g| g.grid);
+    match &site {
+        Some(site) => ply::write(&run.join(SPLATS), splats, site)?,
+        None => ply::write_local(&run.join(SPLATS), splats)?,
+    }
+    let [x, y, z] = [0, 1, 2].map(|k| range(splats, k));
+    let training: Vec<PinholeCamera> = scene.training().map(|v| v.camera).collect();
+    let cameras = PerspectiveCameras {
+        site,
+        extent_m: extent_m(&training),
+        unit: frame.unit(),
+        area: (x.0, y.0, x.1, y.1),
+        altitudes: z,
+        views: scene.views.iter().map(TrainedPhoto::new).collect(),
+        recipe,
+    };
+    write_json(&run.join(CAMERAS), &cameras)?;
+    Ok(cameras)
+}
+
+/// Lowest and highest coordinate of the splats, without the outermost.
+fn range(splats: &Splats, axis: usize) -> (f64, f64) {
+    let values = || splats.position.iter().map(|p| f64::from(p[axis])).collect();
+    let at = |share: f64| quantile(values(), share).unwrap_or(0.0);
+    (at(OUTSIDE), at(1.0 - OUTSIDE))
 }
