@@ -8,6 +8,7 @@ use crate::splat::raster::{Image, Scaled};
 use crate::splat::splats::Splats;
 use crate::splat::stopwatch::Stopwatch;
 use rayon::prelude::*;
+use std::ops::Deref;
 
 /// The loss of an iteration.
 #[derive(Clone, Copy, Debug, Default)]
@@ -87,10 +88,10 @@ impl<T: SimdReal> TermSet<T> {
         own: Option<Scaled<'a, T>>,
         of: impl Fn(&'a dyn LossTerm<T>) -> Option<Scaled<'a, T>>,
     ) -> Parts<'a, T> {
-        let mut out = [own; TERMS.len() + 1];
-        out[1..].fill(None);
-        for (part, term) in out[1..].iter_mut().zip(&self.0) {
-            *part = of(term.as_ref());
+        let mut out = Parts { parts: [None; TERMS.len() + 1], count: 0 };
+        for part in own.into_iter().chain(self.0.iter().filter_map(|term| of(term.as_ref()))) {
+            out.parts[out.count] = Some(part);
+            out.count += 1;
         }
         out
     }
@@ -137,8 +138,19 @@ impl<T: SimdReal> TermSet<T> {
     }
 }
 
-/// Derivatives by one image, to be added up.
-pub type Parts<'a, T> = [Option<Scaled<'a, T>>; TERMS.len() + 1];
+/// Derivatives by one image, to be added up: a slice of those that there are.
+pub struct Parts<'a, T> {
+    parts: [Option<Scaled<'a, T>>; TERMS.len() + 1],
+    count: usize,
+}
+
+impl<'a, T> Deref for Parts<'a, T> {
+    type Target = [Option<Scaled<'a, T>>];
+
+    fn deref(&self) -> &Self::Target {
+        &self.parts[..self.count]
+    }
+}
 
 /// `sum += factor * by`.
 struct AddScaled<'a, T> {
