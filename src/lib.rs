@@ -58,6 +58,7 @@
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+pub mod fault;
 pub mod random;
 pub mod stats;
 pub mod simd;

@@ -2,6 +2,7 @@
 
 use super::site_frame::REFERENCE_HALF_DIAGONAL_M;
 use super::{FitError, Order, SiteFrame, TrainingView, ViewCamera, fit, sun_direction};
+use crate::fault::ErrorKind;
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
 use crate::io::{RasterError, Window};
 use crate::rpc::Rpc;
@@ -75,6 +76,17 @@ pub enum SiteSceneError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
+}
+
+impl SiteSceneError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Raster(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 /// A view of the training scene, without its pixels.

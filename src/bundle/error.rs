@@ -1,5 +1,6 @@
 //! Errors of bundle adjustment.
 
+use crate::fault::ErrorKind;
 use crate::io::{CloudError, RasterError, WriteError};
 use crate::progress::Interrupted;
 use crate::rpc::formats::FormatError;
@@ -198,6 +199,21 @@ pub enum BundleError {
         /// Folder of the corrected cameras.
         folder: PathBuf,
     },
+}
+
+impl BundleError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Scene(e) => e.kind(),
+            Self::Raster(e) => e.kind(),
+            Self::Write(e) => e.kind(),
+            Self::Interrupted(_) => ErrorKind::Interrupted,
+            Self::Solver { .. } | Self::Refit { .. } => ErrorKind::Failed,
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 /// A range of heights from which on a narrower one helps more than a wider one, metres: lines along which matches are searched

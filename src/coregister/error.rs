@@ -1,5 +1,6 @@
 //! Why a scene cannot be brought to a reference.
 
+use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::metrics::MetricsError;
 use crate::stats::FitQuality;
@@ -62,4 +63,15 @@ pub enum CoregisterError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Frame(#[from] FrameError),
+}
+
+impl CoregisterError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Reference(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }

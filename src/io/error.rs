@@ -1,8 +1,9 @@
 //! Errors of reading and writing files, one type per kind of file.
 
+use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use gdal::errors::GdalError;
-use std::io::ErrorKind;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// The error of a library that satgs reads or writes files with.
@@ -24,17 +25,26 @@ impl WriteError {
         Self { path: path.into(), cause: cause.into() }
     }
 
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        if self.is_full() { ErrorKind::Resources } else { ErrorKind::Failed }
+    }
+
     /// Whether the disk, or the user's share of it, is full.
     #[must_use]
     pub fn is_full(&self) -> bool {
-        self.is_of(&[ErrorKind::StorageFull, ErrorKind::QuotaExceeded], &["No space left", "quota exceeded"])
+        self.is_of(
+            &[io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded],
+            &["No space left", "quota exceeded"],
+        )
     }
 
     /// Whether the cause is of one of these kinds; libraries that hide the kind keep the words of the operating system.
-    fn is_of(&self, kinds: &[ErrorKind], words: &[&str]) -> bool {
+    fn is_of(&self, kinds: &[io::ErrorKind], words: &[&str]) -> bool {
         let first: &(dyn std::error::Error + 'static) = self.cause.as_ref();
         let mut causes = std::iter::successors(Some(first), |cause| cause.source());
-        let kind = causes.find_map(|cause| cause.downcast_ref::<std::io::Error>()).map(std::io::Error::kind);
+        let kind = causes.find_map(|cause| cause.downcast_ref::<io::Error>()).map(io::Error::kind);
         let text = self.cause.to_string();
         kind.is_some_and(|kind| kinds.contains(&kind)) || words.iter().any(|words| text.contains(words))
     }
@@ -42,7 +52,7 @@ impl WriteError {
 
 impl miette::Diagnostic for WriteError {
     fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        let closed = [ErrorKind::ReadOnlyFilesystem, ErrorKind::PermissionDenied];
+        let closed = [io::ErrorKind::ReadOnlyFilesystem, io::ErrorKind::PermissionDenied];
         if self.is_full() {
             return Some(Box::new(
                 "the disk is full: what is complete is kept; free space, and the same command goes on from there",
@@ -178,6 +188,18 @@ pub enum RasterError {
     Write(#[from] WriteError),
 }
 
+impl RasterError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Encode { .. } => ErrorKind::Failed,
+            Self::Write(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
+}
+
 /// Why a vector file (GeoPackage, GeoJSON, shapefile, …) could not be read.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
@@ -264,13 +286,13 @@ mod tests {
     #[test]
     fn a_full_or_closed_disk_has_a_next_step() {
         let path = Path::new("run/dsm.tif");
-        let full = WriteError::new(path, std::io::Error::from(ErrorKind::StorageFull));
+        let full = WriteError::new(path, io::Error::from(io::ErrorKind::StorageFull));
         let of_library = WriteError::new(path, "_tiffWriteProc: No space left on device");
         for error in [full, of_library] {
             assert!(error.is_full());
             assert!(error.help().unwrap().to_string().contains("free space"));
         }
-        let closed = WriteError::new(path, std::io::Error::from(ErrorKind::ReadOnlyFilesystem));
+        let closed = WriteError::new(path, io::Error::from(io::ErrorKind::ReadOnlyFilesystem));
         assert!(!closed.is_full());
         assert!(closed.help().unwrap().to_string().contains("another folder"));
         assert!(WriteError::new(path, "a sentence").help().is_none());

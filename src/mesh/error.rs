@@ -1,5 +1,6 @@
 //! Why a mesh cannot be made, read or written.
 
+use crate::fault::ErrorKind;
 use crate::io::{ReadError, WriteError};
 use std::path::PathBuf;
 
@@ -85,4 +86,15 @@ pub enum MeshError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Write(#[from] WriteError),
+}
+
+impl MeshError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Write(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Why a surface model cannot be scored.
 
+use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, VectorError, VerticalError};
 use std::path::PathBuf;
@@ -210,4 +211,15 @@ pub enum MetricsError {
         /// What is missing.
         reason: String,
     },
+}
+
+impl MetricsError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Raster(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }

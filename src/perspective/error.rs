@@ -1,5 +1,6 @@
 //! Errors of perspective scenes.
 
+use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::io::{RasterError, ReadError, WriteError};
 use std::path::{Path, PathBuf};
@@ -216,6 +217,18 @@ pub enum PerspectiveError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Place(#[from] FrameError),
+}
+
+impl PerspectiveError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Raster(e) => e.kind(),
+            Self::Write(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 impl PerspectiveError {

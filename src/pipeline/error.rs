@@ -5,6 +5,7 @@ use crate::bundle::BundleError;
 use crate::checkpoint::CheckpointError;
 use crate::coregister::CoregisterError;
 use crate::export::ExportError;
+use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 use crate::mesh::MeshError;
@@ -12,7 +13,6 @@ use crate::metrics::MetricsError;
 use crate::mvs::MatchError;
 use crate::nn::features::FeatureError;
 use crate::nn::lpips::LpipsError;
-use crate::nn::onnx::OnnxError;
 use crate::perspective::PerspectiveError;
 use crate::predict::PredictError;
 use crate::predict::learn::LearnError;
@@ -42,19 +42,6 @@ pub fn message_with_causes(error: &dyn std::error::Error) -> String {
         source = cause.source();
     }
     message
-}
-
-/// Whose fault a failure is, which decides the exit code of the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ErrorKind {
-    /// The input or an option is wrong: the same call fails again.
-    Input,
-    /// The input may be right, but the work failed: a file could not be written, a solver did not converge.
-    Failed,
-    /// The machine has less memory or disk than the work needs: another machine may do it.
-    Resources,
-    /// The caller asked to stop.
-    Interrupted,
 }
 
 /// Why a command failed.
@@ -532,53 +519,79 @@ impl PipelineError {
     /// Whose fault the failure is.
     #[must_use]
     pub fn kind(&self) -> ErrorKind {
-        if let Some(error) = self.write_error() {
-            return if error.is_full() { ErrorKind::Resources } else { ErrorKind::Failed };
-        }
         match self {
-            Self::Interrupted(_)
-            | Self::TrainingInterrupted { .. }
-            | Self::Bundle(BundleError::Interrupted(_))
-            | Self::Prior(PriorError::Interrupted { .. })
-            | Self::Predict(PredictError::Interrupted(_))
-            | Self::Learn(LearnError::Interrupted(_) | LearnError::Simulate(SimulateError::Interrupted(_)))
-            | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
-            Self::Prior(PriorError::Network(OnnxError::Memory { .. }))
-            | Self::Feature(FeatureError::Onnx(OnnxError::Memory { .. }))
-            | Self::Predict(
-                PredictError::Onnx(OnnxError::Memory { .. })
-                | PredictError::Features(FeatureError::Onnx(OnnxError::Memory { .. })),
-            ) => ErrorKind::Resources,
-            Self::Json { .. }
-            | Self::Prior(PriorError::CommandFailed { .. } | PriorError::CommandTime { .. })
-            | Self::Backend(_)
-            | Self::Learn(LearnError::NotFinite { .. })
-            | Self::Raster(RasterError::Encode { .. })
-            | Self::Bundle(
-                BundleError::Solver { .. }
-                | BundleError::Refit { .. }
-                | BundleError::Raster(RasterError::Encode { .. }),
-            )
-            | Self::Simulate(SimulateError::Rpc { .. } | SimulateError::Ray { .. })
-            | Self::Report(ReportError::Raster(RasterError::Encode { .. })) => ErrorKind::Failed,
-            _ => ErrorKind::Input,
-        }
-    }
-
-    /// The file that could not be written, if that is the failure.
-    fn write_error(&self) -> Option<&WriteError> {
-        match self {
-            Self::Write(e)
-            | Self::Mesh(MeshError::Write(e))
-            | Self::Prior(PriorError::Write(e))
-            | Self::Perspective(PerspectiveError::Write(e))
-            | Self::Predict(PredictError::Write(e))
-            | Self::Learn(LearnError::Write(e) | LearnError::Simulate(SimulateError::Write(e)))
-            | Self::Raster(RasterError::Write(e))
-            | Self::Bundle(BundleError::Write(e) | BundleError::Raster(RasterError::Write(e)))
-            | Self::Simulate(SimulateError::Write(e))
-            | Self::Report(ReportError::Write(e) | ReportError::Raster(RasterError::Write(e))) => Some(e),
-            _ => None,
+            Self::Interrupted(_) | Self::TrainingInterrupted { .. } => ErrorKind::Interrupted,
+            Self::Json { .. } => ErrorKind::Failed,
+            Self::Write(e) => e.kind(),
+            Self::Raster(e) => e.kind(),
+            Self::Scene(e) => e.kind(),
+            Self::Perspective(e) => e.kind(),
+            Self::Prior(e) => e.kind(),
+            Self::Simulate(e) => e.kind(),
+            Self::Bundle(e) => e.kind(),
+            Self::Site(e) => e.kind(),
+            Self::Feature(e) => e.kind(),
+            Self::Backend(e) => e.kind(),
+            Self::Mesh(e) => e.kind(),
+            Self::Metrics(e) => e.kind(),
+            Self::Coregister(e) => e.kind(),
+            Self::Report(e) => e.kind(),
+            Self::Viewer(e) => e.kind(),
+            Self::Predict(e) => e.kind(),
+            Self::Learn(e) => e.kind(),
+            // Errors of input alone.
+            Self::Option { .. }
+            | Self::Locked { .. }
+            | Self::Changed { .. }
+            | Self::RunFile { .. }
+            | Self::ImageMoved { .. }
+            | Self::NoCheckpoint { .. }
+            | Self::TrainingIncomplete { .. }
+            | Self::OfTiles { .. }
+            | Self::Tile { .. }
+            | Self::TilesNotMoved { .. }
+            | Self::OtherCells { .. }
+            | Self::OfPerspective { .. }
+            | Self::OfSatellites { .. }
+            | Self::NoNormals { .. }
+            | Self::RecipeOfSatellites { .. }
+            | Self::RecipeOfPerspective { .. }
+            | Self::OnlyViews { .. }
+            | Self::FarFromOrigin { .. }
+            | Self::Elsewhere { .. }
+            | Self::NoGeoreference { .. }
+            | Self::NoSparsePoints { .. }
+            | Self::NoView { .. }
+            | Self::ViewNotInScene { .. }
+            | Self::NoTestView
+            | Self::NoSun { .. }
+            | Self::NoDate { .. }
+            | Self::NoTrainedColors { .. }
+            | Self::NoVisibility { .. }
+            | Self::NoSeason { .. }
+            | Self::NothingToScore { .. }
+            | Self::GridCrs { .. }
+            | Self::GridSize { .. }
+            | Self::NoUndulation { .. }
+            | Self::PointsTaken { .. }
+            | Self::Exists { .. }
+            | Self::ImageFormat { .. }
+            | Self::Direction { .. }
+            | Self::Vector(_)
+            | Self::Cloud(_)
+            | Self::VerticalReference(_)
+            | Self::Frame(_)
+            | Self::Rpc(_)
+            | Self::Fit(_)
+            | Self::Match(_)
+            | Self::Recipe(_)
+            | Self::Checkpoint(_)
+            | Self::Ply(_)
+            | Self::Appearance(_)
+            | Self::Lpips(_)
+            | Self::Export(_)
+            | Self::Points { .. }
+            | Self::OtherFiles { .. } => ErrorKind::Input,
         }
     }
 }

@@ -51,12 +51,13 @@ mod training;
 mod training_stage;
 mod view;
 
+pub use crate::fault::ErrorKind;
 pub(crate) use adjust::adjust_locked;
 pub use adjust::{AdjustOptions, Adjusted, DemOptions, adjust};
 pub use align::{AlignOptions, Aligned, align};
 pub(crate) use dsm::dsm_locked;
 pub use dsm::{DsmOptions, DsmSummary, dsm};
-pub use error::{ErrorKind, PipelineError, message_with_causes};
+pub use error::{PipelineError, message_with_causes};
 pub use evaluate::{EvaluateOptions, evaluate};
 pub use export::{export_colmap, export_ply};
 pub use exported::{ExportedPly, ExportedView, ExportedViews, PinholeFit};

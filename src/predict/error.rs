@@ -1,5 +1,6 @@
 //! Errors of predicting splats and of the models that predict them.
 
+use crate::fault::ErrorKind;
 use crate::io::WriteError;
 use crate::nn::features::FeatureError;
 use crate::nn::onnx::OnnxError;
@@ -63,4 +64,18 @@ pub enum PredictError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Write(#[from] WriteError),
+}
+
+impl PredictError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Onnx(e) => e.kind(),
+            Self::Features(e) => e.kind(),
+            Self::Interrupted(_) => ErrorKind::Interrupted,
+            Self::Write(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }

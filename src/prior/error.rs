@@ -1,6 +1,7 @@
 //! Errors of priors.
 
 use super::map::{DepthKind, PriorContent};
+use crate::fault::ErrorKind;
 use crate::io::{RasterError, ReadError, WriteError};
 use crate::nn::onnx::OnnxError;
 use crate::perspective::PerspectiveError;
@@ -281,6 +282,22 @@ pub enum PriorError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Write(#[from] WriteError),
+}
+
+impl PriorError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Network(e) => e.kind(),
+            Self::CommandFailed { .. } | Self::CommandTime { .. } => ErrorKind::Failed,
+            Self::Interrupted { .. } => ErrorKind::Interrupted,
+            Self::Image(e) => e.kind(),
+            Self::Raster(e) => e.kind(),
+            Self::Write(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 impl PriorError {

@@ -18,6 +18,7 @@ pub use result::result;
 pub use score_table::{SCORE_NOTE, ScoreTable, expected_error_text, score_tables};
 pub use sections::{adjustment, commands, scores, surface, table};
 
+use crate::fault::ErrorKind;
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
 use crate::run_files::{DSM, NVS_SCORES, PAGE, PRIOR_PICTURES, SCENE, START};
 use std::path::{Path, PathBuf};
@@ -45,6 +46,18 @@ pub enum ReportError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Write(#[from] WriteError),
+}
+
+impl ReportError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Raster(e) => e.kind(),
+            Self::Write(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 /// Writes `report.html` to the folder of a run and returns its path. `outdated` says which stages were made of what has been

@@ -1,5 +1,6 @@
 //! Why a scene cannot be read or used.
 
+use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::io::{RasterError, VerticalError};
 use crate::rpc::formats::FormatError;
@@ -417,4 +418,15 @@ pub enum SceneError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Place(#[from] FrameError),
+}
+
+impl SceneError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Image(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }

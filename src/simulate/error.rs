@@ -1,5 +1,6 @@
 //! Errors of the simulation.
 
+use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::io::{RasterError, VerticalError, WriteError};
 use crate::progress::Interrupted;
@@ -91,4 +92,18 @@ pub enum SimulateError {
         /// The pixel and height.
         source: LocalizeError,
     },
+}
+
+impl SimulateError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Raster(e) => e.kind(),
+            Self::Write(e) => e.kind(),
+            Self::Interrupted(_) => ErrorKind::Interrupted,
+            Self::Rpc { .. } | Self::Ray { .. } => ErrorKind::Failed,
+            _ => ErrorKind::Input,
+        }
+    }
 }

@@ -4,6 +4,7 @@
 //! difference gives the visibility in the view's next iterations: in closed form, or by a head that sees the features of the
 //! image. No derivative of this goes to the splats.
 
+use crate::fault::ErrorKind;
 use crate::io::Grid2;
 use crate::nn::adam::{Adam, AdamRule};
 use crate::nn::features::{DenseFeatures, FeatureError, FeatureMap};
@@ -97,6 +98,17 @@ pub enum VisibilityError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Uncertainty(#[from] UncertaintyError),
+}
+
+impl VisibilityError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Feature(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 /// Compares views with their pictures.

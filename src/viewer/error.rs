@@ -1,5 +1,6 @@
 //! Why a run cannot be shown.
 
+use crate::fault::ErrorKind;
 use crate::io::{RasterError, VerticalError};
 use std::path::PathBuf;
 
@@ -49,4 +50,15 @@ pub enum ViewerError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Vertical(#[from] VerticalError),
+}
+
+impl ViewerError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Raster(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }

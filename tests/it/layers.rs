@@ -4,32 +4,42 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 30] = [
+const LAYERS: [(&str, Option<&[&str]>); 31] = [
+    ("fault", Some(&[])),
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
     ("simd", Some(&[])),
     ("progress", Some(&[])),
     ("run_files", Some(&[])),
     ("frame", Some(&[])),
-    ("io", Some(&["frame"])),
+    ("io", Some(&["fault", "frame"])),
     ("checkpoint", Some(&["io"])),
-    ("nn", Some(&["random", "simd", "io"])),
+    ("nn", Some(&["fault", "random", "simd", "io"])),
     ("rpc", None),
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
-    ("simulate", Some(&["stats", "random", "progress", "frame", "io", "rpc", "scene"])),
-    ("bundle", Some(&["stats", "progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
+    ("simulate", Some(&["fault", "stats", "random", "progress", "frame", "io", "rpc", "scene"])),
+    (
+        "bundle",
+        Some(&["fault", "stats", "progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"]),
+    ),
     ("camera", Some(&["simd"])),
-    ("affine", Some(&["stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
-    ("perspective", Some(&["stats", "random", "simd", "frame", "io", "scene", "camera"])),
+    ("affine", Some(&["fault", "stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
+    ("perspective", Some(&["fault", "stats", "random", "simd", "frame", "io", "scene", "camera"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine", "perspective"])),
-    ("prior", Some(&["stats", "random", "progress", "frame", "io", "nn", "scene", "perspective", "mvs"])),
+    (
+        "prior",
+        Some(&["fault", "stats", "random", "progress", "frame", "io", "nn", "scene", "perspective", "mvs"]),
+    ),
     ("splat", None),
     ("predict", None),
-    ("mesh", Some(&["stats", "random", "progress", "frame", "io", "camera", "affine", "perspective"])),
+    (
+        "mesh",
+        Some(&["fault", "stats", "random", "progress", "frame", "io", "camera", "affine", "perspective"]),
+    ),
     ("dsm", None),
-    ("metrics", Some(&["stats", "random", "progress", "frame", "io", "mesh"])),
-    ("coregister", Some(&["stats", "frame", "io", "metrics"])),
+    ("metrics", Some(&["fault", "stats", "random", "progress", "frame", "io", "mesh"])),
+    ("coregister", Some(&["fault", "stats", "frame", "io", "metrics"])),
     ("report", None),
     ("viewer", None),
     ("export", None),

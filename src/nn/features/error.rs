@@ -1,5 +1,6 @@
 //! Errors of features.
 
+use crate::fault::ErrorKind;
 use crate::nn::onnx::OnnxError;
 use std::path::PathBuf;
 
@@ -47,6 +48,17 @@ pub enum FeatureError {
         /// The file.
         path: PathBuf,
     },
+}
+
+impl FeatureError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Onnx(e) => e.kind(),
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 fn sizes(planes: &[(usize, usize, usize); 3]) -> String {

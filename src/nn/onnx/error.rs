@@ -1,5 +1,6 @@
 //! Errors of networks from ONNX files.
 
+use crate::fault::ErrorKind;
 use crate::io::Cause;
 use std::path::PathBuf;
 
@@ -131,6 +132,17 @@ pub enum OnnxError {
         /// Error of the runtime.
         cause: Cause,
     },
+}
+
+impl OnnxError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Memory { .. } => ErrorKind::Resources,
+            _ => ErrorKind::Input,
+        }
+    }
 }
 
 /// A version, if a file states one.

@@ -2,6 +2,7 @@
 
 use crate::affine::SiteSceneError;
 use crate::checkpoint::CheckpointError;
+use crate::fault::ErrorKind;
 use crate::io::{RasterError, WriteError};
 use crate::perspective::PerspectiveError;
 use crate::predict::PredictError;
@@ -108,4 +109,23 @@ pub enum LearnError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Interrupted(#[from] Interrupted),
+}
+
+impl LearnError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::NotFinite { .. } => ErrorKind::Failed,
+            Self::Photographs(e) => e.kind(),
+            Self::Simulate(e) => e.kind(),
+            Self::Scene(e) => e.kind(),
+            Self::Site(e) => e.kind(),
+            Self::Raster(e) => e.kind(),
+            Self::Predict(e) => e.kind(),
+            Self::Write(e) => e.kind(),
+            Self::Interrupted(_) => ErrorKind::Interrupted,
+            _ => ErrorKind::Input,
+        }
+    }
 }

@@ -17,6 +17,7 @@ use super::splats::PerGroup;
 use super::state::TrainingState;
 use super::stopwatch::Stopwatch;
 use super::visibility::VisibilityError;
+use crate::fault::ErrorKind;
 
 /// The plan of one iteration.
 #[derive(Clone, Debug, PartialEq)]
@@ -125,6 +126,17 @@ pub enum BackendError {
         /// Number of views of the scene.
         views: usize,
     },
+}
+
+impl BackendError {
+    /// Whose fault the failure is: unless images cannot be compared, that of the program.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Visibility(e) => e.kind(),
+            Self::OtherScene { .. } | Self::NoView { .. } => ErrorKind::Failed,
+        }
+    }
 }
 
 /// Executes the iterations of a training, on a CPU or another device.
