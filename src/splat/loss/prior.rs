@@ -30,20 +30,33 @@ impl Prior {
         Self { origin, corner, cell_m: grid.cell, width: grid.width, height: grid.height, cells }
     }
 
-    /// Signed vertical distance from the surface in units of [`Prior::SCALE_M`], and the weight at a position in the site frame
-    /// (metres); none where there is no surface or the weight is zero.
-    #[inline]
-    pub fn distance<T: Real>(&self, [x, y, z]: [T; 3]) -> Option<(T, T)> {
-        let col = (self.origin[0] + x.as_f64() - self.corner[0]) / self.cell_m;
-        let row = (self.corner[1] - (self.origin[1] + y.as_f64())) / self.cell_m;
-        // Also false for NaN.
-        let is_within = col >= 0.0 && row >= 0.0 && col < self.width as f64 && row < self.height as f64;
-        if !is_within {
-            return None;
+    /// Signed vertical distances from the surface in units of [`Prior::SCALE_M`], and the weights, at positions in the site frame
+    /// (metres); both are zero where there is no surface or the weight is zero.
+    #[inline(always)]
+    pub fn distances<T: Real, const N: usize>(&self, positions: &[[T; 3]; N]) -> ([T; N], [T; N]) {
+        // Three loops: the first and the last are computed in registers, and the second waits for memory only.
+        let mut places = [[0.0; 2]; N];
+        for (place, [x, y, _]) in places.iter_mut().zip(positions) {
+            let col = (self.origin[0] + x.as_f64() - self.corner[0]) / self.cell_m;
+            let row = (self.corner[1] - (self.origin[1] + y.as_f64())) / self.cell_m;
+            *place = [col, row];
         }
-        let cell = self.cells[row as usize * self.width + col as usize];
-        let [altitude, weight] = cell.map(|v| T::from_f64(v.into()));
-        let r = (z - altitude) / T::from_f64(Self::SCALE_M);
-        (weight > T::zero() && !r.is_nan()).then_some((r, weight))
+        let size = [self.width, self.height].map(|n| n as f64);
+        let mut cells = [[f32::NAN; 2]; N];
+        for (cell, [col, row]) in cells.iter_mut().zip(places) {
+            // Also false for NaN.
+            if col >= 0.0 && row >= 0.0 && col < size[0] && row < size[1] {
+                *cell = self.cells[row as usize * self.width + col as usize];
+            }
+        }
+        let (mut distances, mut weights) = ([T::zero(); N], [T::zero(); N]);
+        for k in 0..N {
+            let [altitude, weight] = cells[k].map(|v| T::from_f64(v.into()));
+            let distance = (positions[k][2] - altitude) / T::from_f64(Self::SCALE_M);
+            let has_weight = weight > T::zero() && !distance.is_nan();
+            distances[k] = if has_weight { distance } else { T::zero() };
+            weights[k] = if has_weight { weight } else { T::zero() };
+        }
+        (distances, weights)
     }
 }

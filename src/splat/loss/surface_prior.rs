@@ -9,7 +9,7 @@
 use super::prior::Prior;
 use super::term::{LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
-use crate::simd::SimdReal;
+use crate::simd::{MAX_LANES, Real, Simd, SimdKernel, SimdReal};
 use crate::splat::anchored::Anchoring;
 use crate::splat::splats::Splats;
 use rayon::prelude::*;
@@ -47,26 +47,13 @@ impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
         self.factor = T::from_f64(weights[0] / splats.len().max(1) as f64);
         self.sums.resize(splats.len().div_ceil(PIECE), 0.0);
         self.slopes.resize(splats.len(), T::zero());
-        let two = T::from_f64(2.0);
-        // The robust distance of a splat and its derivative.
-        let evaluate = |position: &[T; 3]| {
-            let (r, weight) = prior.distance(*position)?;
-            let robust = r * r + T::one();
-            let slope = weight * (two * r / (T::from_f64(Prior::SCALE_M) * (robust * robust)));
-            Some((weight * r * r / robust, slope))
-        };
         let pieces = splats.position.par_chunks(PIECE).zip(self.slopes.par_chunks_mut(PIECE));
         pieces.zip(&mut self.sums).for_each(|((positions, slopes), sum)| {
-            *sum = 0.0;
-            for (position, slope) in positions.iter().zip(slopes) {
-                let distance;
-                (distance, *slope) = evaluate(position).unwrap_or_default();
-                *sum += distance.as_f64();
-            }
+            T::dispatch(RobustDistances { prior, positions, slopes, sum });
         });
         for Anchoring { splat, .. } in rendered.anchored {
             let i = *splat as usize;
-            let (distance, _) = evaluate(&splats.position[i]).unwrap_or_default();
+            let ([distance], _) = robust_distances(prior, &[splats.position[i]]);
             self.sums[i / PIECE] -= distance.as_f64();
             self.slopes[i] = T::zero();
         }
@@ -78,6 +65,48 @@ impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
         let rows = self.slopes.par_iter().zip(&mut by.position).with_min_len(1024);
         rows.for_each(|(slope, by)| by[2] = by[2] + self.factor * *slope);
     }
+}
+
+/// The robust distances of splats from the surface: their sum, and the derivative of each by the altitude.
+struct RobustDistances<'a, T> {
+    prior: &'a Prior,
+    positions: &'a [[T; 3]],
+    slopes: &'a mut [T],
+    sum: &'a mut f64,
+}
+
+impl<T: SimdReal> SimdKernel<T> for RobustDistances<'_, T> {
+    #[inline(always)]
+    fn run<S: Simd<Scalar = T>>(self, _: S) {
+        let Self { prior, positions, slopes, sum } = self;
+        let (blocks, rest) = positions.as_chunks::<MAX_LANES>();
+        let (slopes_of_blocks, slopes_of_rest) = slopes.as_chunks_mut::<MAX_LANES>();
+        *sum = 0.0;
+        for (block, slopes) in blocks.iter().zip(slopes_of_blocks) {
+            let (distances, of_block) = robust_distances(prior, block);
+            *slopes = of_block;
+            distances.iter().for_each(|distance| *sum += distance.as_f64());
+        }
+        for (position, slope) in rest.iter().zip(slopes_of_rest) {
+            let ([distance], [of_splat]) = robust_distances(prior, &[*position]);
+            *slope = of_splat;
+            *sum += distance.as_f64();
+        }
+    }
+}
+
+/// The robust distances of splats from the surface, and their derivatives by the altitudes.
+#[inline(always)]
+fn robust_distances<T: Real, const N: usize>(prior: &Prior, positions: &[[T; 3]; N]) -> ([T; N], [T; N]) {
+    let (mut distances, mut slopes) = prior.distances(positions);
+    let (two, scale) = (T::from_f64(2.0), T::from_f64(Prior::SCALE_M));
+    for (distance, slope) in distances.iter_mut().zip(&mut slopes) {
+        let (r, weight) = (*distance, *slope);
+        let robust = r * r + T::one();
+        *slope = weight * (two * r / (scale * (robust * robust)));
+        *distance = weight * r * r / robust;
+    }
+    (distances, slopes)
 }
 
 #[cfg(test)]
