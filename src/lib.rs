@@ -78,6 +78,7 @@ pub mod perspective;
 pub mod mvs;
 pub mod prior;
 pub mod splat;
+pub mod estimate;
 pub mod predict;
 pub mod mesh;
 pub mod dsm;

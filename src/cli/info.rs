@@ -4,11 +4,12 @@ use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
 use super::scene_kind::SceneKind;
 use super::{CliError, Ui, perspective_info};
+use crate::estimate::{BEST_CONVERGENCE_DEG, Cost, Imaging, best_convergence_deg};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
+use crate::mvs::DSM_CELL_M;
 use crate::perspective::PerspectiveScene;
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use crate::splat::recipe::Recipe;
-use crate::splat::train::expectation::{BEST_CONVERGENCE_DEG, Extent, best_convergence_deg};
 use crate::tiles::PlanOptions;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -65,7 +66,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let gamma = format!("display gamma: {} (--gamma)\n", scene.transfer_function.gamma());
     let heights = format!("heights searched: {} (--height-range or --dem gives others)\n", scene.heights());
     let valid = validity_notes(&rows);
-    let expected = expectation(&rows, &pairs, &overlap);
+    let expected = expectation(&scene, &rows, &pairs, &overlap);
     let text =
         [table(&rows) + &order + &gamma + &heights + &valid, pairs.text(&rows), ground(&scene, &overlap)]
             .join("\n")
@@ -303,7 +304,7 @@ fn ground(scene: &Scene, o: &Overlap) -> String {
 }
 
 /// Expected accuracy and time of `satgs run`; nothing without two views of common ground.
-fn expectation(rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
+fn expectation(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
     let (Some((west, south, east, north)), Some(recipe)) = (o.common_box, Recipe::named(Recipe::NAMES[0]))
     else {
         return String::new();
@@ -317,23 +318,21 @@ fn expectation(rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
     let mut gsd: Vec<f64> = rows.iter().filter_map(|r| r.gsd_m.map(|(c, r)| (c * r).sqrt())).collect();
     gsd.sort_by(f64::total_cmp);
     let Some(gsd_m) = gsd.get(gsd.len() / 2).copied() else { return String::new() };
-    let extent = Extent {
-        views,
-        convergence_deg: best_convergence_deg(angles),
-        gsd_m,
-        area_m2: (east - west) * (north - south),
-    };
-    let threads = rayon::current_num_threads();
-    let mut expected = extent.expectation(&recipe, threads);
-    let core_m = PlanOptions::default().core_m;
-    let is_tiled = (east - west).max(north - south) > core_m;
-    if is_tiled {
+    let imaging = Imaging { views, convergence_deg: best_convergence_deg(angles), gsd_m };
+    let (low_m, high_m) = scene.heights().range();
+    let cost_of = |area_m2: f64| imaging.run_size(&recipe, area_m2, high_m - low_m, DSM_CELL_M).cost();
+    let (core_m, [width, height]) = (PlanOptions::default().core_m, [east - west, north - south]);
+    let is_tiled = width.max(height) > core_m;
+    let cost = if is_tiled {
         // Tiles are in memory one at a time.
-        let tile = Extent { area_m2: extent.area_m2.min(TILE_AND_MARGINS * core_m * core_m), ..extent };
-        expected.memory_gb = tile.expectation(&recipe, threads).memory_gb;
-    }
+        let Cost { core_seconds, memory_mb } = cost_of(TILE_AND_MARGINS * core_m * core_m);
+        let tiles = (width / core_m).ceil() * (height / core_m).ceil();
+        Cost { core_seconds: core_seconds * tiles, memory_mb }
+    } else {
+        cost_of(width * height)
+    };
     let tiles = if is_tiled { "; the area is cut into tiles, of which `satgs plan` tells more" } else { "" };
-    format!("{}{tiles}\n", expected.text(&extent, threads))
+    format!("{}{tiles}\n", imaging.text(cost, rayon::current_num_threads()))
 }
 
 fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {

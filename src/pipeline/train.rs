@@ -16,6 +16,8 @@ use super::{
     PipelineError, RunLock, TrainedCameras, appearance, outdated, perspective, read_scene, relocation,
 };
 use crate::affine::{SiteSceneError, median_pixel_m};
+use crate::estimate::Imaging;
+use crate::mvs::DSM_CELL_M;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, SPLATS, TRAIN_STAGE};
@@ -25,7 +27,6 @@ use crate::splat::loss::{Prior, TermInputs};
 use crate::splat::recipe::Recipe;
 use crate::splat::satellite::{SatelliteScene, SatelliteViews};
 use crate::splat::train::Schedule;
-use crate::splat::train::expectation::Extent;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -109,11 +110,9 @@ fn train_heights(
     stage.require_writable()?;
     require_images(scene)?;
     let mut training = Training::new(run, options, recipe, scene)?;
-    let (extent, threads) = (Extent::of(&training.setup), rayon::current_num_threads());
     let is_usual = training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none();
-    if is_usual && !options.no_splats && extent.views > 1 {
-        let expected = extent.expectation(&training.recipe, threads);
-        progress.event(Event::Note(expected.text(&extent, threads)));
+    if is_usual && !options.no_splats {
+        tell_expectation(&training, progress);
     }
     let views = Arc::new(training.setup.training_views(scene)?);
     if views.is_empty() {
@@ -183,6 +182,18 @@ fn summary(cameras: &TrainedCameras, iterated: &Iterated) -> Trained {
         ssim: of_images("ssim"),
         colors: None,
     }
+}
+
+/// Says which error, time and memory to expect of a training by the default recipe.
+fn tell_expectation(training: &Training, progress: &dyn Progress) {
+    let setup = &training.setup;
+    let imaging = Imaging::of(setup);
+    if imaging.views < 2 {
+        return;
+    }
+    let ((west, south, east, north), (low, high)) = (setup.area, setup.searched);
+    let size = imaging.run_size(&training.recipe, (east - west) * (north - south), high - low, DSM_CELL_M);
+    progress.event(Event::Note(imaging.text(size.cost(), rayon::current_num_threads())));
 }
 
 /// What a training is made from; its keys are the names of options on the command line.

@@ -5,6 +5,7 @@ use super::sections::read_if_present;
 use super::{ReportError, map};
 use crate::bundle::Report;
 use crate::dsm::CellCounts;
+use crate::estimate::{Imaging, best_convergence_deg};
 use crate::io::{HeightSystem, ImageFile, VerticalReference, escape_xml};
 use crate::mvs::PlaneSweep;
 use crate::run_files::{
@@ -13,7 +14,6 @@ use crate::run_files::{
 };
 use crate::scene::{Role, Scene, angle_between_deg};
 use crate::splat::recipe::Recipe;
-use crate::splat::train::expectation::{Extent, best_convergence_deg};
 use crate::stats::quantile;
 use serde_json::Value;
 use std::fmt::Write;
@@ -98,16 +98,15 @@ fn expected_fact(scene: &Scene, made_from: &Value) -> Option<Fact> {
     let pairs =
         directions.iter().enumerate().flat_map(|(i, a)| directions[i + 1..].iter().map(move |b| (a, b)));
     let sizes = views.iter().filter_map(|view| view.gsd_m(middle)).map(|(col, row)| (col * row).sqrt());
-    let extent = Extent {
+    let imaging = Imaging {
         views: views.len(),
         convergence_deg: best_convergence_deg(pairs.map(|(a, b)| angle_between_deg(*a, *b))),
         gsd_m: quantile(sizes.collect(), 0.5)?,
-        area_m2: 0.0,
     };
-    let expected = extent.expectation(&best, 1);
+    let expected = imaging.expectation();
     let meaning = format!(
         "mean expected of {} views, from simulated towns{}; --truth scores it",
-        extent.views,
+        imaging.views,
         if expected.is_measured { "" } else { ", with a better convergence than here" }
     );
     Some(("Height error", format!("about {:.1} m", expected.error_m), meaning))

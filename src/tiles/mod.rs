@@ -19,7 +19,6 @@ mod blend;
 mod blend_tests;
 mod cells;
 mod colour;
-mod cost;
 mod cut;
 mod done;
 mod error;

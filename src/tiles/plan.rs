@@ -2,6 +2,7 @@
 
 use super::TilesError;
 use super::cells::{Cells, MapBox};
+use crate::estimate::Cost;
 use crate::io::{MapGrid, Window, read_json};
 use crate::pipeline::{PipelineError, hash, hash_file, made_from};
 use crate::run_files::{ADJUSTMENT, PLAN, SPARSE_POINTS, STAGE};
@@ -161,6 +162,14 @@ pub struct TileCost {
     pub memory_mb: f64,
     /// Bytes read from the images, megabytes.
     pub read_mb: f64,
+}
+
+impl TileCost {
+    /// The cost of a tile for which so many bytes of the images are read.
+    pub fn new(cost: Cost, read_bytes: u64) -> Self {
+        let Cost { core_seconds, memory_mb } = cost;
+        Self { seconds_2core: (core_seconds / 2.0).ceil(), memory_mb, read_mb: read_bytes as f64 / 1e6 }
+    }
 }
 
 impl Plan {

@@ -1,7 +1,6 @@
 //! Makes the plan of an adjusted scene's tiles.
 
 use super::cells::MapBox;
-use super::cost::TileSize;
 use super::error::TilesError;
 use super::margins::{Margins, exceeds_cap};
 use super::plan::{
@@ -10,6 +9,7 @@ use super::plan::{
 use super::plan_options::{CORE_PER_OVERLAP, PlanOptions, RECIPE, fingerprint};
 use crate::affine::{MIN_POINTS, SiteScene, sun_direction, with_margins};
 use crate::bundle::Adjustment;
+use crate::estimate::RunSize;
 use crate::frame::{Point, SiteGrid, Utm, wrap_longitude_deg};
 use crate::io::{ImageFile, MapGrid, Window, write_file, write_json};
 use crate::pipeline::{Outcome, PipelineError, RunLock, Stage, hash, read_scene};
@@ -368,7 +368,7 @@ impl<'a> Planner<'a> {
         let reference = chosen.iter().find(|c| c.view.name == reference).or(chosen.iter().find(is_training));
         let training: Vec<_> = chosen.iter().filter(is_training).collect();
         let cells = |from: f64, to: f64| ((to - from) / self.options.resolution_m).round();
-        let size = TileSize {
+        let size = RunSize {
             area_m2: (e - w) * (n - s),
             surface_cells: cells(overlap[0], overlap[2]) * cells(overlap[1], overlap[3]),
             height_m: height,
@@ -376,7 +376,6 @@ impl<'a> Planner<'a> {
             views: training.len(),
             pixels,
             iterations: self.options.train.recipe_for(training.len())?.iterations,
-            read_bytes,
         };
         let tile = Tile {
             id,
@@ -387,7 +386,7 @@ impl<'a> Planner<'a> {
             views,
             reference: reference.map(|c| c.view.name.clone()).unwrap_or_default(),
             neighbours: Vec::new(),
-            cost: size.cost(),
+            cost: TileCost::new(size.cost(), read_bytes),
             input_hash: String::new(),
         };
         Ok(Some((tile, exceeds_cap(height, &sun))))

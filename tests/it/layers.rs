@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 31] = [
+const LAYERS: [(&str, Option<&[&str]>); 32] = [
     ("fault", Some(&[])),
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
@@ -32,6 +32,7 @@ const LAYERS: [(&str, Option<&[&str]>); 31] = [
         Some(&["fault", "stats", "random", "progress", "frame", "io", "nn", "scene", "perspective", "mvs"]),
     ),
     ("splat", None),
+    ("estimate", Some(&["stats", "scene", "affine", "mvs", "splat"])),
     ("predict", None),
     (
         "mesh",

@@ -1,7 +1,6 @@
 //! Training: plans each iteration after the recipe; a backend executes it.
 
 pub mod checkpoint;
-pub mod expectation;
 pub mod pictures;
 
 use crate::progress::{Event, Progress};

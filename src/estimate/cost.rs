@@ -1,6 +1,6 @@
-//! Predicted time and memory of a tile. The constants are fitted to measured tiles; docs/performance.md has the figures.
+//! Predicted time and memory of a run of one area. The constants are fitted to measured runs; docs/performance.md has the
+//! figures.
 
-use super::plan::TileCost;
 use crate::mvs::{FEW_VIEWS, MAX_VOLUME, cell_m};
 use crate::splat::init::SPACING_M;
 
@@ -31,11 +31,9 @@ const CELL_S: f64 = 10e-6;
 const BASE_MB: f64 = 250.0;
 /// Bytes in a megabyte.
 const MEGABYTE: f64 = 1e6;
-/// Cores for which times are predicted.
-const CORES: f64 = 2.0;
-
-/// The size of a tile.
-pub struct TileSize {
+/// The size of a run of one area: a whole scene or a tile.
+#[derive(Clone, Copy, Debug)]
+pub struct RunSize {
     /// Area in which splats may live, square metres.
     pub area_m2: f64,
     /// Number of cells of the surface model.
@@ -50,13 +48,21 @@ pub struct TileSize {
     pub pixels: usize,
     /// Iterations of training.
     pub iterations: u32,
-    /// Bytes read from the images.
-    pub read_bytes: u64,
 }
 
-impl TileSize {
+/// The predicted cost of a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cost {
+    /// Seconds of one core.
+    pub core_seconds: f64,
+    /// Peak memory, megabytes.
+    pub memory_mb: f64,
+}
+
+impl RunSize {
     /// The predicted cost.
-    pub fn cost(&self) -> TileCost {
+    #[must_use]
+    pub fn cost(&self) -> Cost {
         let cell = cell_m(self.gsd_m);
         let cells = self.area_m2 / cell.powi(2);
         let spacing = (SPACING_M / cell).round().max(1.0) * cell;
@@ -76,14 +82,11 @@ impl TileSize {
         let training = matching.max(SPLAT_BYTES * splats) + PIXEL_BYTES * all;
         let surface = SPLAT_BYTES_OF_SURFACE * splats + CELL_BYTES * self.surface_cells;
         let iteration = SPLAT_S * splats + PIXEL_S * all / views;
-        TileCost {
-            seconds_2core: ((f64::from(self.iterations) * iteration
+        Cost {
+            core_seconds: f64::from(self.iterations) * iteration
                 + MATCHING_S * all
-                + CELL_S * self.surface_cells)
-                / CORES)
-                .ceil(),
+                + CELL_S * self.surface_cells,
             memory_mb: (BASE_MB + training.max(surface) / MEGABYTE).ceil(),
-            read_mb: self.read_bytes as f64 / MEGABYTE,
         }
     }
 }
@@ -96,7 +99,7 @@ mod tests {
     fn a_larger_tile_costs_more_and_a_volume_is_limited() {
         let tile = |side: f64, height_m: f64| {
             let pixels = (10.0 * (side / 0.5).powi(2)) as usize;
-            let size = TileSize {
+            let size = RunSize {
                 area_m2: side * side,
                 surface_cells: (side / 0.5).powi(2),
                 height_m,
@@ -104,12 +107,11 @@ mod tests {
                 views: 10,
                 pixels,
                 iterations: 4000,
-                read_bytes: 1,
             };
             size.cost()
         };
         let (small, large) = (tile(300.0, 60.0), tile(600.0, 60.0));
-        assert!(large.memory_mb > small.memory_mb && large.seconds_2core > 3.5 * small.seconds_2core);
+        assert!(large.memory_mb > small.memory_mb && large.core_seconds > 3.5 * small.core_seconds);
         // 600 million entries at three bytes are the limit of a cost volume.
         let (high, higher) = (tile(700.0, 2000.0), tile(700.0, 4000.0));
         assert_eq!(high.memory_mb, higher.memory_mb);
@@ -119,7 +121,7 @@ mod tests {
     #[test]
     fn memory_and_time_grow_with_the_cells_of_the_surface() {
         // data/town with cells of 2 cm: 3,466 MB were measured, and five minutes.
-        let size = |cell: f64| TileSize {
+        let size = |cell: f64| RunSize {
             area_m2: 155.0 * 152.0,
             surface_cells: (155.5 / cell).round() * (152.0 / cell).round(),
             height_m: 40.0,
@@ -127,11 +129,10 @@ mod tests {
             views: 3,
             pixels: 3 * 160 * 160,
             iterations: 30,
-            read_bytes: 1,
         };
         let (usual, fine) = (size(0.5).cost(), size(0.02).cost());
-        assert!(usual.memory_mb < 450.0 && usual.seconds_2core < 10.0, "{usual:?}");
+        assert!(usual.memory_mb < 450.0 && usual.core_seconds < 20.0, "{usual:?}");
         assert!((3466.0..4500.0).contains(&fine.memory_mb), "{fine:?}");
-        assert!((200.0..400.0).contains(&fine.seconds_2core), "{fine:?}");
+        assert!((400.0..800.0).contains(&fine.core_seconds), "{fine:?}");
     }
 }

@@ -1,0 +1,10 @@
+//! What to expect of a run before it is made: time and memory, and the error of the heights.
+//!
+//! Whole scenes and tiles have one model of cost ([`RunSize`]), which `satgs info`, `satgs plan` and the first lines of
+//! `satgs run` print.
+
+mod cost;
+mod expectation;
+
+pub use cost::{Cost, RunSize};
+pub use expectation::{BEST_CONVERGENCE_DEG, Expectation, Imaging, best_convergence_deg};
