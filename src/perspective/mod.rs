@@ -3,8 +3,11 @@
 
 pub mod colmap;
 mod companions;
+mod depth_edges;
 mod draft;
+mod epipolar;
 mod error;
+mod frame_matches;
 mod from_depths;
 mod georeference;
 mod georeference_source;
@@ -31,6 +34,7 @@ mod undistort;
 mod view;
 mod words;
 
+pub use epipolar::{PoseCheck, PoseFinding, ViewResidual};
 pub use error::PerspectiveError;
 pub use from_depths::points_from_depths;
 pub use georeference::{Georeference, PositionFit};
@@ -40,7 +44,7 @@ pub use mask_file::MaskFile;
 pub use options::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews};
 pub use pinhole::PinholeCamera;
 pub use point_normals::point_normals;
-pub use registration::ColorRegistration;
+pub use registration::{ColorRegistration, RegistrationEvidence, RejectedRegistration};
 pub use scene::PerspectiveScene;
 pub use scene_parts::{Layout, ScenePoint};
 pub use similarity::SimilarityTransform;

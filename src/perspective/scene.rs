@@ -6,7 +6,7 @@ use super::error::PerspectiveError;
 use super::georeference::Georeference;
 use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
-use super::registration::ColorRegistration;
+use super::registration::{ColorRegistration, RejectedRegistration};
 use super::scene_parts::{Layout, ScenePoint};
 use super::transparency::Transparency;
 use super::view::PerspectiveView;
@@ -41,6 +41,8 @@ pub struct PerspectiveScene {
     pub unused: Vec<(String, String)>,
     /// The colour camera of RGB-D frames, if it was found to be another one than that of the depth maps.
     pub registration: Option<ColorRegistration>,
+    /// Two cameras of RGB-D frames that edges suggest and matched features do not confirm; they are not used.
+    pub rejected_registration: Option<RejectedRegistration>,
 }
 
 impl PerspectiveScene {
@@ -69,7 +71,10 @@ impl PerspectiveScene {
     pub fn read(path: &Path, options: &PerspectiveOptions) -> Result<Self, PerspectiveError> {
         let mut scene = Self::read_as_stated(path, options)?;
         if scene.layout == Layout::RgbD {
-            scene.registration = ColorRegistration::find(&scene.views);
+            match ColorRegistration::find(&scene.views) {
+                Ok(found) => scene.registration = found,
+                Err(rejected) => scene.rejected_registration = Some(rejected),
+            }
         }
         Ok(scene.registered())
     }
@@ -121,7 +126,16 @@ impl PerspectiveScene {
         let mut unused = std::mem::take(&mut drafts.unused);
         unused.extend(unused_companions(path, &drafts));
         let views = drafts.views(options, georeference.as_ref())?;
-        Ok(Self { layout, views, points, georeference, skipped, unused, registration: None })
+        Ok(Self {
+            layout,
+            views,
+            points,
+            georeference,
+            skipped,
+            unused,
+            registration: None,
+            rejected_registration: None,
+        })
     }
 
     /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.

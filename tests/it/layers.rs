@@ -21,7 +21,7 @@ const LAYERS: [(&str, Option<&[&str]>); 30] = [
     ("bundle", Some(&["stats", "progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
     ("camera", Some(&["simd"])),
     ("affine", Some(&["stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
-    ("perspective", Some(&["stats", "random", "simd", "frame", "io", "scene", "camera"])),
+    ("perspective", Some(&["stats", "random", "simd", "frame", "io", "scene", "bundle", "camera"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine", "perspective"])),
     ("prior", Some(&["stats", "random", "progress", "frame", "io", "nn", "scene", "perspective", "mvs"])),
     ("splat", None),

@@ -12,6 +12,7 @@ use super::images::require_own_images;
 use super::manifest::PerspectiveManifest;
 use super::prior_pictures;
 use super::priors::{matched_scene, prior_sources, priors, starts_from_matches};
+use super::reading::check_poses;
 use super::scene_fingerprint::scene_fingerprint;
 use super::start::splats_at_start;
 use crate::affine::SiteSceneError;
@@ -77,6 +78,9 @@ pub(super) fn train_scene(
     }
     stage.require_writable()?;
     require_fine_coordinates(scene)?;
+    if taken_up.is_none() {
+        check_poses(&manifest.scene, scene, progress)?;
+    }
     let matched = matched_scene(run, scene, options, progress)?;
     let scene = matched.as_ref().unwrap_or(scene);
     let working = frame.enter(scene);

@@ -184,6 +184,7 @@ mod tests {
             skipped: Vec::new(),
             unused: Vec::new(),
             registration: None,
+            rejected_registration: None,
         }
     }
 
