@@ -1,12 +1,13 @@
 """Poses of photographs from the photographs alone, by COLMAP: the command ``satgs-poses``, and :func:`find_poses`.
 
-Needs ``pycolmap`` (``pip install 'satgs[poses]'``), which runs on the CPU: SIFT features, matching of all pairs or of
+Needs ``pycolmap`` (``pip install './python[poses]'``), which runs on the CPU: SIFT features, matching of all pairs or of
 neighbours in time, incremental mapping. The result is a COLMAP project that ``satgs run`` reads.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import shutil
 import sys
 import tempfile
@@ -131,10 +132,9 @@ def find_poses(
 
 def _pycolmap() -> Any:
     try:
-        import pycolmap
+        return importlib.import_module("pycolmap")
     except ImportError as error:
-        raise PosesError(f"pycolmap cannot be used: {error}\nhint: pip install 'satgs[poses]'") from error
-    return pycolmap
+        raise PosesError(f"pycolmap cannot be used: {error}\nhint: pip install './python[poses]'") from error
 
 
 def _photographs(folder: Path) -> list[str]:

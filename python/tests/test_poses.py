@@ -1,12 +1,12 @@
-"""``satgs-poses``: a folder of photographs becomes a scene that satgs reads."""
+"""``satgs-poses``: a folder of photographs becomes a COLMAP project."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
-import satgs
 from satgs import poses
 
 
@@ -18,8 +18,8 @@ def test_what_is_no_folder_of_photographs_is_refused(tmp_path: Path, capsys: pyt
 
 
 def test_a_missing_pycolmap_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pycolmap", None)
-    with pytest.raises(poses.PosesError, match=r"pip install 'satgs\[poses\]'"):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(poses.PosesError, match=r"pip install './python\[poses\]'"):
         poses.find_poses(tmp_path, tmp_path / "scene")
 
 
@@ -38,4 +38,3 @@ def test_drone_photographs_become_a_scene(
     # The poses are kept, unless they are to be replaced.
     assert poses.main([str(images), "-o", str(scene)]) == 2
     assert "--overwrite" in capsys.readouterr().err
-    assert satgs.__name__ == "satgs"

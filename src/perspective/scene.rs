@@ -11,8 +11,10 @@ use super::scene_parts::{Layout, ScenePoint};
 use super::transparency::Transparency;
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, scannetpp, transforms};
+use crate::frame::Point;
 use crate::io::vsi;
 use crate::scene::{Found, Role};
+use crate::stats::median;
 use glam::DVec3;
 use std::path::Path;
 
@@ -21,10 +23,13 @@ const EXPECTED: &str = "expected a COLMAP project (cameras.bin or cameras.txt, i
      transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS (`Images` and `Cams`) or of \
      ScanNet++ (`dslr/colmap` and `dslr/resized_images`)";
 
+/// Largest spacing of coordinates of single precision as a share of the extent of the cameras.
+const COARSEST: f64 = 1e-4;
+
 /// Photographs with pinhole cameras of one place.
 ///
 /// With a georeference, the frame of all positions is the site frame: metres east, north and up from an origin near the
-/// middle of the scene. Without one it is the frame of the file, whose axes and unit may be any.
+/// middle of the scene. Without one it is the frame of the file, whose axes and unit may be any, less [`PerspectiveScene::origin`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct PerspectiveScene {
     /// How its files are arranged.
@@ -35,6 +40,8 @@ pub struct PerspectiveScene {
     pub points: Vec<ScenePoint>,
     /// Where the scene lies on Earth, if that is known.
     pub georeference: Option<Georeference>,
+    /// Place in the frame of the file from which positions are measured, if coordinates there are too large for single precision.
+    pub origin: Option<[f64; 3]>,
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
     /// Keys and files of the scene that are not used, and why.
@@ -122,6 +129,14 @@ impl PerspectiveScene {
                 point.position = georeference.site_from_file(point.position.xyz());
             }
         }
+        let origin = if georeference.is_none() { far_origin(&drafts) } else { None };
+        if let Some(origin) = origin {
+            for point in &mut points {
+                let [x, y, z] = (DVec3::from_array(point.position.xyz()) - origin).to_array();
+                point.position = Point::new(x, y, z);
+            }
+            drafts.views.iter_mut().for_each(|view| view.pose.center -= origin);
+        }
         let skipped = std::mem::take(&mut drafts.skipped);
         let mut unused = std::mem::take(&mut drafts.unused);
         unused.extend(unused_companions(path, &drafts));
@@ -131,6 +146,7 @@ impl PerspectiveScene {
             views,
             points,
             georeference,
+            origin: origin.map(|o| o.to_array()),
             skipped,
             unused,
             registration: None,
@@ -142,6 +158,15 @@ impl PerspectiveScene {
     #[must_use]
     pub fn is_metric(&self) -> bool {
         self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir | Layout::ScanNetPp)
+    }
+
+    /// What is to be known of positions whose origin is not that of the file.
+    #[must_use]
+    pub fn moved(&self) -> Option<String> {
+        let [x, y, z] = self.origin?;
+        Some(format!(
+            "coordinates are too large for single precision: positions are those of the file less ({x}, {y}, {z})"
+        ))
     }
 
     /// How many images have transparent pixels, and what these mean; none without such images.
@@ -173,6 +198,17 @@ impl PerspectiveScene {
     pub fn training(&self) -> impl Iterator<Item = &PerspectiveView> {
         self.views.iter().filter(|v| v.role == Role::Train)
     }
+}
+
+/// The place among the cameras, on whole units, from which positions are measured if they are too large: splats, meshes and clouds
+/// have coordinates of single precision.
+fn far_origin(drafts: &Drafts) -> Option<DVec3> {
+    let centers: Vec<DVec3> = drafts.views.iter().map(|v| v.pose.center).collect();
+    let middle = |k: usize| median(centers.iter().map(|c| c[k]).collect()).unwrap_or(0.0).round();
+    let origin = DVec3::new(middle(0), middle(1), middle(2));
+    let farthest = centers.iter().map(|c| c.abs().max_element()).fold(0.0, f64::max);
+    let extent = centers.iter().map(|c| c.distance(origin)).fold(0.0, f64::max);
+    (farthest * f64::from(f32::EPSILON) > COARSEST * extent && origin != DVec3::ZERO).then_some(origin)
 }
 
 /// The layout of a scene, by the names of its files. Remote folders are not looked at, because every name that is tried there

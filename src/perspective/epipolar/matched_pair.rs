@@ -2,7 +2,7 @@
 
 use super::super::pose::Pose;
 use super::features::{RigidMatches, ViewFeatures};
-use super::motion::Motion;
+use super::motion::{Motion, RayPair};
 use crate::stats::median;
 use rayon::prelude::*;
 
@@ -10,6 +10,9 @@ use rayon::prelude::*;
 /// of the focal length. Poses of sensors and of cameras on vehicles are no better.
 const AGREE_PX: f64 = 2.0;
 const AGREE_SHARE: f64 = 0.006;
+
+/// Fewest matches by which it is told whether points lie behind the cameras.
+const FEWEST_WIDE: usize = 8;
 
 /// Matches of two views.
 pub(super) struct MatchedPair {
@@ -42,9 +45,7 @@ impl MatchedPair {
     /// stated times a factor. None without a distance between the cameras.
     pub(super) fn distances_px(&self, poses: [&Pose; 2], focal: f64) -> Vec<f64> {
         let motion = Motion::between(poses[0], poses[1]);
-        let px = |rays: &[glam::DVec2; 2]| {
-            focal * self.matches.focal_px * motion.distance(&rays.map(|r| r / focal))
-        };
+        let px = |rays: &RayPair| focal * self.matches.focal_px * motion.distance(&rays.map(|r| r / focal));
         self.matches.rays.iter().map(px).filter(|d| d.is_finite()).collect()
     }
 
@@ -53,8 +54,15 @@ impl MatchedPair {
     pub(super) fn residual_px(&self, poses: [&Pose; 2]) -> Option<f64> {
         let px = median(self.distances_px(poses, 1.0))?;
         let motion = Motion::between(poses[0], poses[1]);
-        let behind = self.matches.rays.iter().filter(|rays| !motion.is_in_front(rays)).count();
-        Some(if 2 * behind > self.matches.rays.len() { f64::INFINITY } else { px })
+        // Of directions that are nearly parallel, errors decide on which side they meet.
+        let wide = |rays: &&RayPair| motion.parallax(rays) > self.agree_px / self.matches.focal_px;
+        let (mut seen, mut behind) = (0, 0);
+        for rays in self.matches.rays.iter().filter(wide) {
+            seen += 1;
+            behind += usize::from(!motion.is_in_front(rays));
+        }
+        let is_behind = seen >= FEWEST_WIDE && 2 * behind > seen;
+        Some(if is_behind { f64::INFINITY } else { px })
     }
 
     /// Whether a residual is one of poses that agree with the matches.

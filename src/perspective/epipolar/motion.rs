@@ -35,6 +35,12 @@ impl Motion {
         sampson(&self.essential, pair)
     }
 
+    /// Sine of the angle between both directions.
+    pub(super) fn parallax(&self, [x, y]: &RayPair) -> f64 {
+        let (x, y) = (self.rotation * x.extend(1.0), y.extend(1.0));
+        (y.cross(x).length_squared() / (x.length_squared() * y.length_squared())).sqrt()
+    }
+
     /// Whether the point at which both directions meet is in front of both cameras.
     pub(in crate::perspective) fn is_in_front(&self, [x, y]: &RayPair) -> bool {
         let (x, y) = (self.rotation * x.extend(1.0), y.extend(1.0));

@@ -27,4 +27,4 @@ pub use run::{PerspectiveRunOptions, run_perspective};
 pub(super) use scene_fingerprint::scene_fingerprint;
 pub(super) use scores::nvs_eval;
 pub(super) use start::start_points;
-pub(super) use train::{read_views, require_fine_coordinates, train_locked, write_trained};
+pub(super) use train::{read_views, train_locked, write_trained};

@@ -24,6 +24,9 @@ pub fn tell_of_scene(scene: &PerspectiveScene, progress: &dyn Progress) {
     if let Some(rejected) = &scene.rejected_registration {
         progress.event(Event::Warning(rejected.to_string()));
     }
+    if let Some(moved) = scene.moved() {
+        progress.event(Event::Note(moved));
+    }
     if let Some(georeference) = &scene.georeference {
         progress.event(Event::Note(georeference.to_string()));
         georeference.warnings().for_each(|warning| progress.event(Event::Warning(warning.clone())));

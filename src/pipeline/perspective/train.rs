@@ -36,8 +36,6 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Largest spacing of coordinates as a share of the extent of the cameras.
-const COARSEST: f64 = 1e-4;
 /// The box of the splats leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
 
@@ -77,7 +75,6 @@ pub(super) fn train_scene(
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
-    require_fine_coordinates(scene)?;
     if taken_up.is_none() {
         check_poses(&manifest.scene, scene, progress)?;
     }
@@ -185,17 +182,6 @@ pub fn write_trained(
     };
     write_json(&run.join(CAMERAS), &cameras)?;
     Ok(cameras)
-}
-
-/// Splats in files have coordinates of single precision: far from the origin, as on a map, they cannot be placed.
-pub fn require_fine_coordinates(scene: &PerspectiveScene) -> Result<(), PipelineError> {
-    let cameras: Vec<PinholeCamera> = scene.training().map(|view| view.camera).collect();
-    let extent_m = extent_m(&cameras);
-    let farthest = cameras.iter().map(|c| c.center.abs().max_element()).fold(0.0, f64::max);
-    if farthest * f64::from(f32::EPSILON) > COARSEST * extent_m {
-        return Err(PipelineError::FarFromOrigin { farthest, extent: extent_m });
-    }
-    Ok(())
 }
 
 /// Reads the images of the training views.

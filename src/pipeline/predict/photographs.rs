@@ -7,8 +7,8 @@ use super::{Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
 use crate::pipeline::perspective::{
-    PerspectiveManifest, read_views, require_fine_coordinates, require_own_images, scene_fingerprint,
-    start_points, tell_of_scene, write_trained,
+    PerspectiveManifest, read_views, require_own_images, scene_fingerprint, start_points, tell_of_scene,
+    write_trained,
 };
 use crate::pipeline::stage::{Outcome, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions};
@@ -72,7 +72,6 @@ fn predict(
         }
         None => start_points(scene, frame.unit(), false)?.iter().map(|p| p.position.xyz()).collect(),
     };
-    require_fine_coordinates(scene)?;
     let views = read_views(scene, progress)?;
     require_own_images(&manifest.scene, scene, &views, progress)?;
     let start = Instant::now();
