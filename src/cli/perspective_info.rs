@@ -23,7 +23,8 @@ pub fn run(path: &Path, options: &PerspectiveOptions, ui: &Ui) -> Result<(), Cli
         ui.event(Event::Warning(warning.clone()));
     }
     let rejected = scene.rejected_registration.iter().map(ToString::to_string);
-    for warning in rejected.chain(check.warnings()) {
+    let changed = reprojection.and_then(|r| r.warning());
+    for warning in rejected.chain(changed).chain(check.warnings()) {
         ui.event(Event::Warning(warning));
     }
     let mut summary = summary(&scene, &lenses, reprojection);

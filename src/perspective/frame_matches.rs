@@ -157,3 +157,57 @@ impl Frame {
         (there.z > 0.0).then(|| there.truncate() / there.z)
     }
 }
+
+#[cfg(test)]
+pub(super) mod test_frames {
+    use super::*;
+    use crate::random::CounterRng;
+    use glam::DMat3;
+
+    const SIZE: (usize, usize) = (160, 120);
+    const FOCAL: f64 = 150.0;
+
+    /// Frames of a slanting wall with a step, whose colours and depths are of cameras with these focal lengths over the stated one, and
+    /// exact matches of places on it.
+    pub(in crate::perspective) fn of_sensor(color_focal: f64, depth_focal: f64) -> FrameMatches {
+        let principal = 0.5 * DVec2::new(SIZE.0 as f64 - 1.0, SIZE.1 as f64 - 1.0);
+        let depth_at = |from: DVec3, along: DVec3| {
+            // z = 3 + 0.8 x; beyond x = 0.3 the wall is 0.5 farther.
+            let on = |step: f64| (3.0 + step + 0.8 * from.x - from.z) / (along.z - 0.8 * along.x);
+            let near = on(0.0);
+            if from.x + near * along.x < 0.3 { near } else { on(0.5) }
+        };
+        let pose = |k: usize| {
+            let turn = 0.05 * k as f64;
+            Pose {
+                cam_from_world: DMat3::from_rotation_y(turn) * DMat3::from_rotation_x(0.5 * turn),
+                center: DVec3::new(0.3 * k as f64 - 0.6, 0.05 * (k % 2) as f64, 0.1 * (k % 3) as f64),
+            }
+        };
+        let frame = |k: usize| {
+            let pose = pose(k);
+            let world_from_cam = pose.cam_from_world.transpose();
+            let depth = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| {
+                let ray = (DVec2::new(col as f64, row as f64) - principal) / (FOCAL * depth_focal);
+                depth_at(pose.center, world_from_cam * ray.extend(1.0)) as f32
+            });
+            (k, Frame { pose, depth, focal: DVec2::splat(FOCAL), principal })
+        };
+        let frames: BTreeMap<usize, Frame> = (0..5).map(frame).collect();
+        let mut draw = CounterRng::new(7, 0, 0, 0);
+        let mut pair = |a: usize| {
+            let (from, to) = (pose(a), pose(a + 1));
+            let rays = (0..60).map(|_| {
+                let ray = DVec2::new(0.8 * draw.uniform() - 0.4, 0.6 * draw.uniform() - 0.3);
+                let along = from.cam_from_world.transpose() * ray.extend(1.0);
+                let there =
+                    to.cam_from_world * (from.center + depth_at(from.center, along) * along - to.center);
+                // Directions as the stated focal length gives them.
+                [color_focal * ray, color_focal * there.truncate() / there.z]
+            });
+            ([a, a + 1], RigidMatches { rays: rays.collect(), focal_px: FOCAL })
+        };
+        let pairs = (0..4).map(&mut pair).collect();
+        FrameMatches { frames, pairs }
+    }
+}

@@ -20,6 +20,8 @@ use std::fmt;
 const FRAMES: usize = 16;
 /// Largest distance from epipolar lines over the least of all cameras that are tried.
 const AS_GOOD: f64 = 1.1;
+/// Differences of distances from epipolar lines that say nothing, pixels.
+const SLACK_PX: f64 = 0.1;
 /// Largest distance of features carried by depths over that with the stated camera.
 const BETTER: f64 = 0.9;
 
@@ -155,7 +157,7 @@ impl ColorRegistration {
             epipolar_px: Some([stated[0], found[0]]),
             carried_px: Some([stated[1], found[1]]),
         };
-        let fits = |px: &[f64; 2]| px[0] <= AS_GOOD * least_px && px[1] <= BETTER * stated[1];
+        let fits = |px: &[f64; 2]| px[0] <= AS_GOOD * least_px + SLACK_PX && px[1] <= BETTER * stated[1];
         let best = |some: &mut dyn Iterator<Item = (SensorCameras, [f64; 2])>| {
             some.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))
         };
@@ -188,5 +190,36 @@ impl ColorRegistration {
         };
         view.camera =
             PerspectiveView::undistorted_camera(lens, camera.cam_from_site, place, view.downsampling);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frame_matches::test_frames::of_sensor;
+    use super::*;
+
+    /// What edges suggest: the colours have 0.9 times the focal length of the depths.
+    const FIT: EdgeFit = EdgeFit { focal_ratio: 0.9, offset_m: [0.0; 2], edges: [0.2, 0.9] };
+
+    #[test]
+    fn features_decide_which_camera_is_stated() {
+        let of_depths = ColorRegistration::decide(FIT, Some(&of_sensor(0.9, 1.0))).unwrap();
+        assert_eq!((of_depths.focal_ratio, of_depths.depth_focal_ratio), (0.9, 1.0));
+        let of_colors = ColorRegistration::decide(FIT, Some(&of_sensor(1.0, 1.0 / 0.9))).unwrap();
+        assert_eq!((of_colors.focal_ratio, of_colors.depth_focal_ratio), (1.0, 1.0 / 0.9));
+        for found in [of_depths, of_colors] {
+            let carried = found.evidence.carried_px.unwrap();
+            assert!(carried[1] < 0.3 && carried[0] > 1.0, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn what_features_contradict_is_not_applied() {
+        let rejected = ColorRegistration::decide(FIT, Some(&of_sensor(1.0, 1.0))).unwrap_err();
+        let [stated, suggested] = rejected.evidence.carried_px.unwrap();
+        assert!(stated < 0.3 && suggested > 1.0, "{rejected:?}");
+        assert!(rejected.to_string().contains("matched features contradict it"), "{rejected}");
+        let unknown = ColorRegistration::decide(FIT, None).unwrap_err();
+        assert!(unknown.evidence.carried_px.is_none() && unknown.to_string().contains("too few features"));
     }
 }

@@ -68,6 +68,21 @@ fn path(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
+/// A COLMAP model whose focal length is changed says so by its points, even where the photographs cannot.
+#[test]
+fn a_model_that_was_changed_after_the_reconstruction_is_named() {
+    let out = tempfile::tempdir().unwrap();
+    let options = RoomOptions { views: 8, size_px: 128, ..RoomOptions::default() };
+    simulate_room(out.path(), &options, &NoProgress).unwrap();
+    let told = "from where its images observe them";
+    assert!(!text(&succeeds(&["info", path(out.path())])).contains(told));
+    let cameras = out.path().join("sparse/0/cameras.txt");
+    let wrong =
+        std::fs::read_to_string(&cameras).unwrap().replace("PINHOLE 128 128 91", "PINHOLE 128 128 101");
+    std::fs::write(&cameras, wrong).unwrap();
+    assert!(text(&succeeds(&["info", path(out.path())])).contains(told));
+}
+
 /// What `satgs run` says of a scene before five iterations.
 fn run(scene: &Path) -> String {
     let out = tempfile::tempdir().unwrap();

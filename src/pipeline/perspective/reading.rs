@@ -42,6 +42,9 @@ pub(super) fn check_poses(
     if scene.training().count() == 1 {
         progress.event(Event::Warning(ONE_VIEW.into()));
     }
+    if let Some(warning) = PerspectiveScene::reprojection(path)?.and_then(|r| r.warning()) {
+        progress.event(Event::Warning(warning));
+    }
     progress.event(Event::Started { stage: "comparing photographs with their poses", total: 0 });
     let check = PoseCheck::of(&scene.views, &scene.points);
     progress.event(Event::Finished);
