@@ -34,6 +34,9 @@ const FEWEST_OF_A_VIEW: usize = 2;
 const MATCHING: f64 = 0.8;
 const MANY_KEYPOINTS: usize = 150;
 const FEWEST_COMPARED: usize = 3;
+/// Number of views beside a view without matches that are compared with each other, and the fewest pairs of them that must agree.
+const WITNESSES: usize = 4;
+const FEWEST_WITNESSING: usize = 2;
 
 /// How well the stated cameras of a scene fit its photographs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -164,7 +167,12 @@ impl Views<'_> {
         let again = unmatched.iter().flat_map(|i| {
             beside(*i, COMPARED_AGAIN).chain(next(*i, 2)).chain(i.checked_sub(2).map(|j| [j, *i]))
         });
-        add(&mut tried, again.collect());
+        // Whether the views beside one without matches match each other tells whether it should.
+        let among = unmatched.iter().flat_map(|i| {
+            let beside = &self.neighbours[*i][..self.neighbours[*i].len().min(WITNESSES)];
+            beside.iter().flat_map(|a| beside.iter().filter(move |b| a < *b).map(move |b| [*a, *b]))
+        });
+        add(&mut tried, again.chain(among).collect());
         let compared = (0..count).map(|i| tried.iter().filter(|pair| pair.contains(&i)).count()).collect();
         (found, compared)
     }
@@ -205,7 +213,14 @@ fn findings(
     let has_pair = |i: usize| fitted.iter().any(|f| f.has(i));
     let matching = share((0..views.poses.len()).filter(|i| has_pair(*i)).count(), views.poses.len());
     let is_rich = |i: usize| views.features[i].as_ref().is_some_and(|f| f.len() >= MANY_KEYPOINTS);
-    let is_strange = |i: &usize| !has_pair(*i) && is_rich(*i) && compared[*i] >= FEWEST_COMPARED;
+    // The views beside it see the same by their poses, and by what they show.
+    let is_between = |i: usize| {
+        let beside = &views.neighbours[i];
+        let is_inside = |f: &&Fitted| f.agrees() && f.pair.views.iter().all(|v| beside.contains(v));
+        fitted.iter().filter(is_inside).count() >= FEWEST_WITNESSING
+    };
+    let is_strange =
+        |i: &usize| !has_pair(*i) && is_rich(*i) && compared[*i] >= FEWEST_COMPARED && is_between(*i);
     let strange: Vec<usize> = match matching >= MATCHING {
         true => (0..views.poses.len()).filter(is_strange).collect(),
         false => Vec::new(),
