@@ -142,9 +142,6 @@ fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reproj
         let [x, y, z] = std::array::from_fn(|i| format!("{:.2} to {:.2}", low[i], high[i]));
         let _ = writeln!(out, "extent of points and cameras: x {x}, y {y}, z {z} {unit}");
     }
-    if let Some(moved) = scene.moved() {
-        let _ = writeln!(out, "{moved}");
-    }
     let _ = match &scene.georeference {
         None => writeln!(out, "georeference: none"),
         Some(georeference) => writeln!(out, "{georeference}"),
@@ -194,7 +191,6 @@ fn summary(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Rep
         "points": scene.points.len(),
         "reprojection": reprojection,
         "extent": scene.extent(),
-        "origin": scene.origin,
         "georeference": scene.georeference,
         "skipped": scene.skipped,
         "unused": scene.unused,

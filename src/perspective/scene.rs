@@ -40,7 +40,7 @@ pub struct PerspectiveScene {
     pub points: Vec<ScenePoint>,
     /// Where the scene lies on Earth, if that is known.
     pub georeference: Option<Georeference>,
-    /// Place in the frame of the file from which positions are measured, if coordinates there are too large for single precision.
+    /// Place in the frame of the file from which positions are measured; none for its origin.
     pub origin: Option<[f64; 3]>,
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
@@ -129,14 +129,6 @@ impl PerspectiveScene {
                 point.position = georeference.site_from_file(point.position.xyz());
             }
         }
-        let origin = if georeference.is_none() { far_origin(&drafts) } else { None };
-        if let Some(origin) = origin {
-            for point in &mut points {
-                let [x, y, z] = (DVec3::from_array(point.position.xyz()) - origin).to_array();
-                point.position = Point::new(x, y, z);
-            }
-            drafts.views.iter_mut().for_each(|view| view.pose.center -= origin);
-        }
         let skipped = std::mem::take(&mut drafts.skipped);
         let mut unused = std::mem::take(&mut drafts.unused);
         unused.extend(unused_companions(path, &drafts));
@@ -146,7 +138,7 @@ impl PerspectiveScene {
             views,
             points,
             georeference,
-            origin: origin.map(|o| o.to_array()),
+            origin: None,
             skipped,
             unused,
             registration: None,
@@ -158,6 +150,32 @@ impl PerspectiveScene {
     #[must_use]
     pub fn is_metric(&self) -> bool {
         self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir | Layout::ScanNetPp)
+    }
+
+    /// The scene with positions from a place among its cameras, on whole units, if they are too large: splats have coordinates of
+    /// single precision.
+    #[must_use]
+    pub fn near_origin(self) -> Self {
+        let centers: Vec<DVec3> = self.views.iter().map(|v| v.camera.center).collect();
+        let middle = |k: usize| median(centers.iter().map(|c| c[k]).collect()).unwrap_or(0.0).round();
+        let origin = DVec3::new(middle(0), middle(1), middle(2));
+        let farthest = centers.iter().map(|c| c.abs().max_element()).fold(0.0, f64::max);
+        let apart = centers.iter().map(|c| c.distance(origin)).fold(0.0, f64::max);
+        let extent = if centers.len() > 1 { apart } else { 1.0 };
+        let is_far = self.georeference.is_none() && farthest * f64::from(f32::EPSILON) > COARSEST * extent;
+        if is_far && origin != DVec3::ZERO { self.measured_from(origin.to_array()) } else { self }
+    }
+
+    /// The scene with positions from a place in the frame of its file.
+    #[must_use]
+    pub fn measured_from(mut self, origin: [f64; 3]) -> Self {
+        let by = DVec3::from_array(origin);
+        for point in &mut self.points {
+            let [x, y, z] = (DVec3::from_array(point.position.xyz()) - by).to_array();
+            point.position = Point::new(x, y, z);
+        }
+        self.views.iter_mut().for_each(|view| view.camera.center -= by);
+        Self { origin: Some(origin), ..self }
     }
 
     /// What is to be known of positions whose origin is not that of the file.
@@ -198,17 +216,6 @@ impl PerspectiveScene {
     pub fn training(&self) -> impl Iterator<Item = &PerspectiveView> {
         self.views.iter().filter(|v| v.role == Role::Train)
     }
-}
-
-/// The place among the cameras, on whole units, from which positions are measured if they are too large: splats, meshes and clouds
-/// have coordinates of single precision.
-fn far_origin(drafts: &Drafts) -> Option<DVec3> {
-    let centers: Vec<DVec3> = drafts.views.iter().map(|v| v.pose.center).collect();
-    let middle = |k: usize| median(centers.iter().map(|c| c[k]).collect()).unwrap_or(0.0).round();
-    let origin = DVec3::new(middle(0), middle(1), middle(2));
-    let farthest = centers.iter().map(|c| c.abs().max_element()).fold(0.0, f64::max);
-    let extent = centers.iter().map(|c| c.distance(origin)).fold(0.0, f64::max);
-    (farthest * f64::from(f32::EPSILON) > COARSEST * extent && origin != DVec3::ZERO).then_some(origin)
 }
 
 /// The layout of a scene, by the names of its files. Remote folders are not looked at, because every name that is tried there

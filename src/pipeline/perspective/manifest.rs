@@ -109,7 +109,11 @@ impl PerspectiveManifest {
     /// # Errors
     /// [`PipelineError::Perspective`] when it is no longer there or has changed for the worse.
     pub fn read_scene(&self) -> Result<PerspectiveScene, PipelineError> {
-        Ok(PerspectiveScene::read_again(&self.scene, &self.options, self.registration)?)
+        let scene = PerspectiveScene::read_again(&self.scene, &self.options, self.registration)?;
+        Ok(match self.origin {
+            Some(origin) => scene.measured_from(origin),
+            None => scene,
+        })
     }
 }
 

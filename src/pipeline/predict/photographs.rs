@@ -40,7 +40,7 @@ pub fn predict_scene(
     options: &PredictOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<Predicted>, PipelineError> {
-    let scene = PerspectiveScene::read(path, &options.perspective)?;
+    let scene = PerspectiveScene::read(path, &options.perspective)?.near_origin();
     tell_of_scene(&scene, progress);
     predict(&PerspectiveManifest::new(path, &options.perspective, &scene), &scene, out, options, progress)
 }
