@@ -181,7 +181,7 @@ impl Segment {
 
 /// Computes the similarity of a keypoint to others.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn compare(own: &Keypoint, others: &[Keypoint], near: &mut [(u32, f32)]) {
+pub(super) fn compare(own: &Keypoint, others: &[Keypoint], near: &mut [(u32, f32)]) {
     for (j, s) in near {
         *s = similarity(&own.descriptor, &others[*j as usize].descriptor);
     }
@@ -189,7 +189,7 @@ fn compare(own: &Keypoint, others: &[Keypoint], near: &mut [(u32, f32)]) {
 
 /// The most similar keypoint, its similarity, and the similarity of the second best, which lies elsewhere.
 #[derive(Clone, Copy)]
-struct BestTwo {
+pub(super) struct BestTwo {
     best: u32,
     similarity: f32,
     second: f32,
@@ -202,7 +202,7 @@ impl Default for BestTwo {
 }
 
 impl BestTwo {
-    fn enter(&mut self, candidate: u32, similarity: f32, keypoints: &[Keypoint]) {
+    pub(super) fn enter(&mut self, candidate: u32, similarity: f32, keypoints: &[Keypoint]) {
         if similarity <= self.second {
             return;
         }
@@ -226,7 +226,7 @@ impl BestTwo {
     }
 
     /// The best keypoint if it passes the distance threshold and the ratio test.
-    fn winner(&self) -> Option<u32> {
+    pub(super) fn winner(&self) -> Option<u32> {
         // Descriptors have length 1, so that their squared distance is 2 - 2 similarity.
         let distance = |s: f32| (2.0 - 2.0 * s).max(0.0).sqrt();
         let (d1, d2) = (distance(self.similarity), distance(self.second));

@@ -2,7 +2,7 @@
 
 use super::{CliError, Ui};
 use crate::perspective::colmap::Reprojection;
-use crate::perspective::{LensModel, PerspectiveOptions, PerspectiveScene, PerspectiveView};
+use crate::perspective::{LensModel, PerspectiveOptions, PerspectiveScene, PerspectiveView, PoseCheck};
 use crate::progress::{Event, Progress};
 use crate::scene::Role;
 use serde_json::{Value, json};
@@ -17,11 +17,19 @@ pub fn run(path: &Path, options: &PerspectiveOptions, ui: &Ui) -> Result<(), Cli
     let scene = PerspectiveScene::read(path, options)?;
     let reprojection = PerspectiveScene::reprojection(path)?;
     let lenses = lenses(&scene);
-    let text = text(&scene, &lenses, reprojection);
+    let check = PoseCheck::of(&scene.views, &scene.points);
+    let text = text(&scene, &lenses, reprojection) + &check.to_string() + "\n";
     for warning in scene.georeference.iter().flat_map(|g| g.warnings()) {
         ui.event(Event::Warning(warning.clone()));
     }
-    ui.summary("info", Some(&text), &summary(&scene, &lenses, reprojection))
+    let rejected = scene.rejected_registration.iter().map(ToString::to_string);
+    let changed = reprojection.and_then(|r| r.warning());
+    for warning in rejected.chain(changed).chain(check.warnings()) {
+        ui.event(Event::Warning(warning));
+    }
+    let mut summary = summary(&scene, &lenses, reprojection);
+    summary["poses"] = json!(check);
+    ui.summary("info", Some(&text), &summary)
 }
 
 /// The cameras of one model.
@@ -188,5 +196,6 @@ fn summary(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Rep
         "unused": scene.unused,
         "transparent": scene.transparency().map(|(images, meaning)| json!({ "images": images, "meaning": meaning })),
         "registration": scene.registration,
+        "rejected_registration": scene.rejected_registration,
     })
 }

@@ -5,7 +5,8 @@ mod photographs;
 use super::{CliError, Ui};
 use crate::scene::Role;
 use crate::simulate::{
-    BitDepth, PlannedView, Relief, SimulateOptions, Summary, SurfaceFiles, Terrain, covering_px, simulate,
+    BitDepth, PlannedView, Relief, SimulateOptions, StatedCamera, Summary, SurfaceFiles, Terrain,
+    covering_px, simulate,
 };
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -48,6 +49,14 @@ pub struct Args {
     /// surfaces with texture only, with errors of about 3 mm. Files are about 13 MB for each image of 640 x 640 pixels.
     #[arg(long, group = "photographs")]
     room: bool,
+    /// With --room: also write RGB-D frames to OUT/frames, whose files state this camera
+    ///
+    /// A sensor is carried around the table; its frames have the form of 7-Scenes (camera-intrinsics.txt, and NAME.color.png,
+    /// NAME.depth.png in millimetres, NAME.pose.txt). `registered`: one camera for colours and depths. `depth`, `color`: the
+    /// depth camera stands 25 mm beside the colour camera and has 1.1 times its focal length; intrinsic parameters and poses
+    /// are those of the one or the other.
+    #[arg(long, requires = "room", value_name = "CAMERA")]
+    frames: Option<Frames>,
     /// Photograph the town from 600 m above ground instead, with tilts up to 30 degrees, on one day
     ///
     /// Every image shows 260 to 300 m of ground. OUT/train.txt lists three images whose cameras are far from each other,
@@ -127,6 +136,24 @@ pub struct Args {
     /// Replace the files of an earlier simulation in OUT
     #[arg(long)]
     overwrite: bool,
+}
+
+/// Which camera RGB-D frames state.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Frames {
+    Registered,
+    Depth,
+    Color,
+}
+
+impl From<Frames> for StatedCamera {
+    fn from(frames: Frames) -> Self {
+        match frames {
+            Frames::Registered => Self::Registered,
+            Frames::Depth => Self::Depth,
+            Frames::Color => Self::Color,
+        }
+    }
 }
 
 /// Runs the command.

@@ -69,4 +69,6 @@ pub use vector::{
 };
 pub use vertical_reference::{GeoidDifference, VerticalReference};
 pub use window::Window;
-pub use write::{Cog, SensorImage, png_rgb, write_moved, write_png_gray, write_png_rgb, write_with_rpc};
+pub use write::{
+    Cog, SensorImage, png_rgb, write_moved, write_png_gray, write_png_gray16, write_png_rgb, write_with_rpc,
+};

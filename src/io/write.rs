@@ -322,6 +322,16 @@ pub fn write_png_gray(path: &Path, width: usize, height: usize, gray: &[u8]) -> 
     write_png(path, width, height, gray, image::ExtendedColorType::L8)
 }
 
+/// Writes a 16-bit grey image as PNG; `gray` holds one number per pixel, row by row.
+///
+/// # Errors
+/// [`WriteError`] if the file cannot be written, or the number of values is wrong.
+pub fn write_png_gray16(path: &Path, width: usize, height: usize, gray: &[u16]) -> Result<(), WriteError> {
+    // The encoder takes numbers in the order of bytes of the machine.
+    let bytes: Vec<u8> = gray.iter().flat_map(|v| v.to_ne_bytes()).collect();
+    write_png(path, width, height, &bytes, image::ExtendedColorType::L16)
+}
+
 fn write_png(
     path: &Path,
     width: usize,

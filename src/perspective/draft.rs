@@ -5,6 +5,7 @@ use super::georeference::Georeference;
 use super::lens::LensCamera;
 use super::mask_file::MaskFile;
 use super::options::{PerspectiveOptions, TestViews};
+use super::orientation::Orientation;
 use super::pose::Pose;
 use super::scene_parts::{Layout, ScenePoint};
 use super::transparency::Transparency;
@@ -99,7 +100,7 @@ impl Drafts {
         let transparency = options.transparency.unwrap_or(Transparency::of(self.layout));
         let view = |((draft, name), role): ((Draft, String), Role)| {
             let file = ImageFile::open(&draft.image)?;
-            let lens = lens_of_image(&draft, file.size())?;
+            let (lens, turned) = lens_of_image(&draft, file.size(), Orientation::of(&file))?;
             let pose = georeference.map_or(draft.pose, |g| g.pose(draft.pose));
             let camera =
                 PerspectiveView::undistorted_camera(&lens, pose.cam_from_world, pose.center, downsampling);
@@ -112,6 +113,7 @@ impl Drafts {
                 image: draft.image,
                 role,
                 transparency: file.has_transparency(&file.default_bands()).then_some(transparency),
+                turned,
                 lens_camera: lens,
                 camera,
                 downsampling,
@@ -124,25 +126,38 @@ impl Drafts {
     }
 }
 
-/// The camera of the image file, whose size may be another one than that for which the scene states the camera.
-fn lens_of_image(draft: &Draft, (width, height): (usize, usize)) -> Result<LensCamera, PerspectiveError> {
-    let Some((of_width, of_height)) = draft.size else {
-        return Ok(LensCamera { size: (width, height), ..draft.lens });
+/// The camera of the image file, whose size may be another one than that for which the scene states the camera, and how the file
+/// is turned if the camera is of the image as displayed.
+fn lens_of_image(
+    draft: &Draft,
+    (width, height): (usize, usize),
+    orientation: Option<Orientation>,
+) -> Result<(LensCamera, Option<Orientation>), PerspectiveError> {
+    let Some(of) = draft.size else {
+        return Ok((LensCamera { size: (width, height), ..draft.lens }, None));
     };
-    let factor = (width as f64 / of_width as f64, height as f64 / of_height as f64);
-    let off = (factor.0 - factor.1).abs();
-    if off * of_width as f64 > ROUNDING_PX && off * of_height as f64 > ROUNDING_PX {
-        return Err(PerspectiveError::Size {
-            path: draft.image.clone(),
-            width,
-            height,
-            of: "the image of its camera",
-            expected_width: of_width,
-            expected_height: of_height,
-            hint: "images may be resampled, alike along both axes, but not be cropped or turned",
-        });
+    let lens = LensCamera { size: of, ..draft.lens };
+    if is_resampled((width, height), of) {
+        return Ok((lens.resized((width, height)), None));
     }
-    Ok(LensCamera { size: (of_width, of_height), ..draft.lens }.resized((width, height)))
+    if orientation.is_some() && is_resampled((height, width), of) {
+        return Ok((lens.resized((height, width)), orientation));
+    }
+    Err(PerspectiveError::Size {
+        path: draft.image.clone(),
+        width,
+        height,
+        of: "the image of its camera",
+        expected_width: of.0,
+        expected_height: of.1,
+        hint: "images may be resampled, alike along both axes, and turned as their EXIF says, but not be cropped or turned otherwise",
+    })
+}
+
+/// Whether an image of a size may be one of another size, resampled alike along both axes.
+fn is_resampled((width, height): (usize, usize), (of_width, of_height): (usize, usize)) -> bool {
+    let off = (width as f64 / of_width as f64 - height as f64 / of_height as f64).abs();
+    off * of_width as f64 <= ROUNDING_PX || off * of_height as f64 <= ROUNDING_PX
 }
 
 /// Names of the views: the names of the images without folders and extensions if these differ, otherwise with folders.
@@ -165,14 +180,15 @@ fn view_names(views: &[Draft]) -> Result<Vec<String>, PerspectiveError> {
     Ok(names)
 }
 
-/// Index of the view whose image a list names: with its folder, or without it, if there is one such image only, and with or
+/// Index of the view whose image a list names: with its folder, or without it, if there is one such image only, and both with or
 /// without the extension. None if there is none.
 ///
 /// # Errors
 /// [`PerspectiveError::Field`] for a name that several images have.
 pub(super) fn named(list: &Path, views: &[Draft], name: &str) -> Result<Option<usize>, PerspectiveError> {
     let name = name.replace('\\', "/");
-    if let Some(place) = views.iter().position(|v| v.name == name) {
+    let whole = |v: &Draft| v.name == name || Path::new(&v.name).with_extension("") == Path::new(&name);
+    if let Some(place) = views.iter().position(whole) {
         return Ok(Some(place));
     }
     let is_it = |v: &Draft| {

@@ -1,5 +1,6 @@
 //! Errors of perspective scenes.
 
+use super::epipolar::PoseFinding;
 use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::io::{RasterError, ReadError, WriteError};
@@ -190,6 +191,17 @@ pub enum PerspectiveError {
         image: PathBuf,
         /// What hides the pixels.
         reason: String,
+    },
+    /// The photographs contradict the poses of the scene.
+    #[error("`{path}`: {finding}")]
+    #[diagnostic(help("{next_step}"))]
+    Contradicted {
+        /// The scene.
+        path: PathBuf,
+        /// What they say.
+        finding: PoseFinding,
+        /// What to do about it.
+        next_step: &'static str,
     },
     /// A view has no depth map.
     #[error("view `{view}` has no depth map")]

@@ -1,238 +1,193 @@
-//! Finds the colour camera of RGB-D frames whose depth maps were taken by another one.
+//! Finds the cameras of RGB-D frames whose colours and depths were taken by two of them.
 //!
-//! A sensor has a camera for colours and one for depths, side by side. Many folders of frames, those of 7-Scenes among them, state
-//! one set of intrinsic parameters, which is that of the depth maps; in the colours everything then lies up to tens of pixels
-//! elsewhere, and what is trained on them is blurred and misplaced.
+//! A sensor has a camera for colours and one for depths, side by side. Many folders of frames state one set of intrinsic
+//! parameters: in 7-Scenes it is that of the depth maps, elsewhere that of the colours, and often the depth maps are registered to
+//! the colours already. With the wrong one, what is trained on the frames is blurred and misplaced.
 //!
-//! Where a near surface ends in front of a far one, the image mostly has an edge. So the near pixels at jumps of the depth maps are
-//! projected with other focal lengths and other places of the colour camera, and those are taken for which the image is brightest
-//! there, as a map of its edges. They are kept only if they fit far better than the stated ones.
+//! Edges of the images at jumps of the depths say how both cameras lie to each other ([`EdgeFit`]), but not which of them is the
+//! stated one, and they err. Features that match between frames decide ([`FrameMatches`]): the colour camera is that whose
+//! epipolar lines they lie on, and the depth camera is believed only if its depths carry the features to where they are found in
+//! the other frame.
 
-use super::error::PerspectiveError;
+use super::depth_edges::EdgeFit;
+use super::frame_matches::{FrameMatches, SensorCameras};
 use super::view::{PerspectiveView, SensorCamera};
-use crate::io::Grid2;
-use crate::stats::quantile;
-use glam::{DVec2, DVec3};
-use rayon::prelude::*;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Number of frames that are looked at, and of points of a frame.
+/// Number of frames that are looked at.
 const FRAMES: usize = 16;
-const POINTS: usize = 3000;
-/// Fewest points that say anything.
-const FEWEST_POINTS: usize = 2000;
-/// A depth map jumps where it is farther by this, metres, so many pixels away.
-const JUMP_M: f32 = 0.15;
-const JUMP_PX: usize = 3;
-/// Edges are as strong as this quantile of the gradients at most, so that a few do not decide.
-const STRONGEST: f64 = 0.97;
-/// Half the side of the window in which edges are averaged, pixels.
-const BLUR_PX: usize = 2;
-/// Of the first search: the largest change of the focal length as a share, the largest shift to the side, metres, and their steps.
-const FOCAL: (f64, f64) = (0.2, 0.01);
-const SHIFT_M: (f64, f64) = (0.06, 0.005);
-/// Steps of the second search begin at half of those and are halved so many times.
-const HALVINGS: usize = 4;
-/// The edges at the points must be stronger than with the stated camera by this factor, and than those of the image by this number
-/// of standard deviations.
-const BETTER: f64 = 1.3;
-const CLEAR: f64 = 0.15;
+/// Largest distance from epipolar lines over the least of all cameras that are tried.
+const AS_GOOD: f64 = 1.1;
+/// Differences of distances from epipolar lines that say nothing, pixels.
+const SLACK_PX: f64 = 0.1;
+/// Largest distance of features carried by depths over that with the stated camera.
+const BETTER: f64 = 0.9;
 
-/// The colour camera of RGB-D frames, which differs from that of their depth maps.
+/// The cameras of colours and depths of RGB-D frames, which differ.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColorRegistration {
-    /// Focal length over that of the depth maps.
+    /// Focal length of the colours over the stated one.
     pub focal_ratio: f64,
+    /// Focal length of the depth maps over the stated one: 1 if the stated camera is theirs.
+    #[serde(default = "one")]
+    pub depth_focal_ratio: f64,
     /// Place of the depth camera in the axes (right, down) of the colour camera, metres.
     pub offset_m: [f64; 2],
-    /// Mean strength of the image's edges at jumps of the depth, over their standard deviation, with this camera and with the stated
-    /// one.
+    /// What speaks for them.
+    #[serde(flatten)]
+    pub evidence: RegistrationEvidence,
+}
+
+/// Cameras that edges suggest and matched features contradict.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RejectedRegistration {
+    /// Focal length of the colours over that of the depth maps.
+    pub focal_ratio: f64,
+    /// What speaks for and against them: of the cameras that features contradict least.
+    #[serde(flatten)]
+    pub evidence: RegistrationEvidence,
+}
+
+/// Figures of cameras of RGB-D frames, with the stated camera for colours and depths, and with two cameras.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RegistrationEvidence {
+    /// Mean strength of the image's edges at jumps of the depth, over their standard deviation.
     pub edges: [f64; 2],
+    /// Median distance of matched features from their epipolar lines, pixels; none without matches.
+    #[serde(default)]
+    pub epipolar_px: Option<[f64; 2]>,
+    /// Median distance of matched features from where the depths of the other frame carry them, pixels; none without matches.
+    #[serde(default)]
+    pub carried_px: Option<[f64; 2]>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl fmt::Display for RegistrationEvidence {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let [stated, fitted] = self.edges;
+        write!(
+            f,
+            "at jumps of the depths, edges of the images are {fitted:.1} instead of {stated:.1} standard deviations strong"
+        )?;
+        if let Some([stated, fitted]) = self.epipolar_px {
+            write!(
+                f,
+                "; matched features lie {fitted:.1} px from their epipolar lines instead of {stated:.1} px"
+            )?;
+        }
+        if let Some([stated, fitted]) = self.carried_px {
+            write!(f, " and {fitted:.1} px from where the depths carry them instead of {stated:.1} px")?;
+        }
+        Ok(())
+    }
 }
 
 impl fmt::Display for ColorRegistration {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let [x, y] = self.offset_m.map(|v| 1000.0 * v);
-        let [fitted, stated] = self.edges;
         let side = if x < 0.0 { "left" } else { "right" };
         let level = if y < 0.0 { "above" } else { "below" };
+        let (whose, ratio) = match self.focal_ratio == 1.0 {
+            true => ("depth maps", self.depth_focal_ratio),
+            false => ("colours", self.focal_ratio),
+        };
         write!(
             f,
-            "colours and depths are of two cameras: at jumps of the depths, edges of the images are {fitted:.1} instead of {stated:.1} \
-             standard deviations strong if the colours have {:.3} times the stated focal length and the depth camera is {:.0} mm {side} \
-             of the colour camera and {:.0} mm {level} it; depth maps are brought to the colour camera",
-            self.focal_ratio,
+            "colours and depths are of two cameras: the {whose} have {ratio:.3} times the stated focal length, and the depth camera is \
+             {:.0} mm {side} of the colour camera and {:.0} mm {level} it ({}); depth maps are brought to the colour camera",
             x.abs(),
-            y.abs()
+            y.abs(),
+            self.evidence
         )
     }
 }
 
-/// The edges of an image and the near pixels at jumps of its depth map.
-struct Frame {
-    /// Strengths of edges with mean zero and standard deviation one.
-    edges: Grid2,
-    /// Directions (right, down; at depth one) and depths of the pixels, metres.
-    points: Vec<(DVec2, f64)>,
-    focal: DVec2,
-    principal: DVec2,
-}
-
-/// The colour camera that fits far better than the stated one.
-fn search(frames: &[Frame]) -> Option<ColorRegistration> {
-    if frames.iter().map(|frame| frame.points.len()).sum::<usize>() < FEWEST_POINTS {
-        return None;
+impl fmt::Display for RejectedRegistration {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let why = match self.evidence.epipolar_px {
+            Some(_) => "matched features contradict it",
+            None => "too few features match between the frames to confirm it",
+        };
+        write!(
+            f,
+            "colours and depths are taken as of the one stated camera: edges suggest that the colours have {:.3} times the focal length \
+             of the depths, and {why} ({})",
+            self.focal_ratio, self.evidence
+        )
     }
-    // Every second frame is not searched with, and decides whether what was found is better.
-    let half = |first: usize| frames.iter().skip(first).step_by(2).collect::<Vec<&Frame>>();
-    let (searched, others) = (half(0), half(1));
-    let score_of = |frames: &[&Frame], c: &[f64; 3]| {
-        let points = frames.iter().map(|frame| frame.points.len()).sum::<usize>();
-        frames.iter().map(|frame| frame.edges_at(c)).sum::<f64>() / points.max(1) as f64
-    };
-    let score = |c: &[f64; 3]| score_of(&searched, c);
-    // The largest score, and of equal ones the first.
-    let best = |candidates: Vec<[f64; 3]>| {
-        let scores: Vec<f64> = candidates.par_iter().map(score).collect();
-        let first = (0..scores.len()).rev().max_by(|a, b| scores[*a].total_cmp(&scores[*b]));
-        first.map_or((f64::MIN, [1.0, 0.0, 0.0]), |i| (scores[i], candidates[i]))
-    };
-    let grid = |(most, step): (f64, f64)| {
-        let count = (most / step).round() as i32;
-        (-count..=count).map(move |k| f64::from(k) * step)
-    };
-    let coarse = grid(FOCAL).flat_map(|f| grid(SHIFT_M).map(move |x| [1.0 + f, x, 0.0]));
-    let mut found = best(coarse.collect());
-    let mut steps = [FOCAL.1, SHIFT_M.1, SHIFT_M.1];
-    for _ in 0..HALVINGS {
-        steps = steps.map(|s| 0.5 * s);
-        loop {
-            let signs = [-1.0, 0.0, 1.0];
-            let [f, x, y] = found.1;
-            let near =
-                signs.iter().flat_map(|a| signs.iter().flat_map(|b| signs.iter().map(|c| [*a, *b, *c])));
-            let near = near.map(|[a, b, c]| [f + a * steps[0], x + b * steps[1], y + c * steps[2]]);
-            let near = near.filter(|[f, x, y]| {
-                (f - 1.0).abs() <= FOCAL.0 && x.abs() <= SHIFT_M.0 && y.abs() <= SHIFT_M.0
-            });
-            let next = best(near.collect());
-            if next.0 <= found.0 {
-                break;
-            }
-            found = next;
-        }
-    }
-    let [focal_ratio, x, y] = found.1;
-    let (fitted, stated) = (score_of(&others, &found.1), score_of(&others, &[1.0, 0.0, 0.0]));
-    let is_better = fitted > CLEAR && fitted > BETTER * stated;
-    is_better.then_some(ColorRegistration { focal_ratio, offset_m: [x, y], edges: [fitted, stated] })
-}
-
-impl Frame {
-    fn read(view: &PerspectiveView) -> Result<Self, PerspectiveError> {
-        let (colors, depth) = (view.read_file()?, view.depth_of_file()?);
-        let gray: Vec<f32> = (0..depth.data.len()).map(|i| colors.iter().map(|c| c.data[i]).sum()).collect();
-        let lens = &view.lens_camera;
-        let gray = Grid2 { data: gray, ..depth };
-        Ok(Self {
-            edges: edges(&gray),
-            points: near_points(&depth, lens.focal, lens.principal),
-            focal: lens.focal,
-            principal: lens.principal,
-        })
-    }
-
-    /// Sum of the edges at the points, seen with a share of the focal length from a shifted place; points outside of the image add
-    /// nothing.
-    fn edges_at(&self, [ratio, x, y]: &[f64; 3]) -> f64 {
-        let mut sum = 0.0;
-        for (direction, depth) in &self.points {
-            let at = self.principal + *ratio * self.focal * (*direction + DVec2::new(*x, *y) / *depth);
-            let (col, row) = (at.x.round(), at.y.round());
-            if col >= 0.0 && row >= 0.0 && col < self.edges.width as f64 && row < self.edges.height as f64 {
-                sum += f64::from(self.edges.data[row as usize * self.edges.width + col as usize]);
-            }
-        }
-        sum
-    }
-}
-
-/// Strengths of the edges of an image, averaged in a window, with mean zero and standard deviation one; zero at its margin.
-fn edges(gray: &Grid2) -> Grid2 {
-    let (width, height) = (gray.width, gray.height);
-    let at = |col: usize, row: usize| gray.data[row * width + col];
-    let inside = |col: usize, row: usize, by: usize| {
-        (by..width.saturating_sub(by)).contains(&col) && (by..height.saturating_sub(by)).contains(&row)
-    };
-    let gradient = Grid2::from_fn(width, height, |col, row| {
-        if !inside(col, row, 1) {
-            return 0.0;
-        }
-        let steepness = (at(col + 1, row) - at(col - 1, row)).hypot(at(col, row + 1) - at(col, row - 1));
-        if steepness.is_nan() { 0.0 } else { steepness }
-    });
-    let most =
-        quantile(gradient.data.iter().map(|v| f64::from(*v)).collect(), STRONGEST).unwrap_or(0.0) as f32;
-    let windowed = Grid2::from_fn(width, height, |col, row| {
-        if !inside(col, row, BLUR_PX) {
-            return 0.0;
-        }
-        let rows = row - BLUR_PX..=row + BLUR_PX;
-        rows.flat_map(|r| &gradient.data[r * width + col - BLUR_PX..=r * width + col + BLUR_PX])
-            .map(|v| v.min(most))
-            .sum()
-    });
-    let (values, count) = (|| windowed.data.iter().map(|v| f64::from(*v)), windowed.data.len().max(1) as f64);
-    let mean = values().sum::<f64>() / count;
-    let deviation = (values().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();
-    let scale = if deviation > 0.0 { deviation.recip() } else { 0.0 };
-    let (mean, scale) = (mean as f32, scale as f32);
-    Grid2::from_fn(width, height, |col, row| (windowed.data[row * width + col] - mean) * scale)
-}
-
-/// Some of the pixels of a depth map that are much nearer than others close by.
-fn near_points(depth: &Grid2, focal: DVec2, principal: DVec2) -> Vec<(DVec2, f64)> {
-    let (width, height) = (depth.width, depth.height);
-    let at = |col: usize, row: usize| depth.data[row * width + col];
-    let is_near = |col: usize, row: usize| {
-        let limit = at(col, row) + JUMP_M;
-        let others = [(col - JUMP_PX, row), (col + JUMP_PX, row), (col, row - JUMP_PX), (col, row + JUMP_PX)];
-        others.into_iter().any(|(c, r)| at(c, r) > limit)
-    };
-    let rows = JUMP_PX..height.saturating_sub(JUMP_PX);
-    let pixels = rows.flat_map(|row| (JUMP_PX..width.saturating_sub(JUMP_PX)).map(move |col| (col, row)));
-    let points = pixels.filter(|(col, row)| is_near(*col, *row)).map(|(col, row)| {
-        let pixel = DVec2::new(col as f64, row as f64);
-        ((pixel - principal) / focal, f64::from(at(col, row)))
-    });
-    let points: Vec<(DVec2, f64)> = points.collect();
-    let step = points.len().div_ceil(POINTS).max(1);
-    points.into_iter().step_by(step).collect()
 }
 
 impl ColorRegistration {
-    /// The camera of the colours of RGB-D frames if that is another one than that of their depths.
-    ///
-    /// Frames that cannot be read are passed over: whoever needs them says what is wrong with them.
-    pub(super) fn find(views: &[PerspectiveView]) -> Option<Self> {
+    /// The cameras of RGB-D frames if colours and depths are of two; an error if edges say so and features do not.
+    pub(super) fn find(views: &[PerspectiveView]) -> Result<Option<Self>, RejectedRegistration> {
         let with_depth: Vec<&PerspectiveView> = views.iter().filter(|v| v.depth.is_some()).collect();
         let step = with_depth.len().div_ceil(FRAMES).max(1);
-        let frames = with_depth.into_par_iter().step_by(step).map(|view| Frame::read(view).ok());
-        search(&frames.collect::<Vec<_>>().into_iter().flatten().collect::<Vec<_>>())
+        let frames: Vec<&PerspectiveView> = with_depth.iter().step_by(step).copied().collect();
+        let Some(fit) = EdgeFit::find(&frames) else { return Ok(None) };
+        let matches = FrameMatches::find(&with_depth, step);
+        Self::decide(fit, matches.as_ref()).map(Some)
     }
 
-    /// Gives a view the colour camera; its depth map keeps the stated one.
+    /// Which of the cameras that edges suggest the features confirm.
+    fn decide(fit: EdgeFit, matches: Option<&FrameMatches>) -> Result<Self, RejectedRegistration> {
+        let EdgeFit { focal_ratio, offset_m, edges } = fit;
+        let rejected = |evidence| RejectedRegistration { focal_ratio, evidence };
+        let without = RegistrationEvidence { edges, ..RegistrationEvidence::default() };
+        let residuals =
+            |cameras: &SensorCameras| Some([matches?.epipolar_px(cameras)?, matches?.carried_px(cameras)?]);
+        let of_depths =
+            SensorCameras { color_focal: focal_ratio, depth_focal: 1.0, offset_m, poses_of_depths: true };
+        let of_colors = SensorCameras {
+            color_focal: 1.0,
+            depth_focal: 1.0 / focal_ratio,
+            offset_m: offset_m.map(|v| v * focal_ratio),
+            poses_of_depths: false,
+        };
+        let Some(stated) = residuals(&SensorCameras::STATED) else { return Err(rejected(without)) };
+        let tried = [of_colors, of_depths].into_iter().filter_map(|c| Some((c, residuals(&c)?)));
+        let tried: Vec<(SensorCameras, [f64; 2])> = tried.collect();
+        let least_px = tried.iter().map(|(_, [epipolar, _])| *epipolar).fold(stated[0], f64::min);
+        let evidence = |found: [f64; 2]| RegistrationEvidence {
+            edges,
+            epipolar_px: Some([stated[0], found[0]]),
+            carried_px: Some([stated[1], found[1]]),
+        };
+        let fits = |px: &[f64; 2]| px[0] <= AS_GOOD * least_px + SLACK_PX && px[1] <= BETTER * stated[1];
+        let best = |some: &mut dyn Iterator<Item = (SensorCameras, [f64; 2])>| {
+            some.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))
+        };
+        match best(&mut tried.iter().copied().filter(|(_, px)| fits(px))) {
+            Some((cameras, px)) => Ok(Self {
+                focal_ratio: cameras.color_focal,
+                depth_focal_ratio: cameras.depth_focal,
+                offset_m: cameras.offset_m,
+                evidence: evidence(px),
+            }),
+            None => Err(rejected(best(&mut tried.iter().copied()).map_or(without, |(_, px)| evidence(px)))),
+        }
+    }
+
+    /// Gives a view its two cameras. The pose is that of the stated one.
     pub(super) fn apply(&self, view: &mut PerspectiveView) {
         let [x, y] = self.offset_m;
         let center = DVec3::new(x, y, 0.0);
         let lens = &mut view.lens_camera;
         if let Some(depth) = &mut view.depth {
-            depth.camera = Some(SensorCamera { focal: lens.focal, principal: lens.principal, center });
+            let focal = lens.focal * self.depth_focal_ratio;
+            depth.camera = Some(SensorCamera { focal, principal: lens.principal, center });
         }
         lens.focal *= self.focal_ratio;
         let camera = &view.camera;
-        let place = camera.center - camera.cam_from_site.transpose() * center;
+        let is_of_depths = self.depth_focal_ratio == 1.0;
+        let place = match is_of_depths {
+            true => camera.center - camera.cam_from_site.transpose() * center,
+            false => camera.center,
+        };
         view.camera =
             PerspectiveView::undistorted_camera(lens, camera.cam_from_site, place, view.downsampling);
     }
@@ -240,91 +195,31 @@ impl ColorRegistration {
 
 #[cfg(test)]
 mod tests {
+    use super::super::frame_matches::test_frames::of_sensor;
     use super::*;
-    use crate::perspective::LensCamera;
-    use crate::random::CounterRng;
 
-    const SIZE: (usize, usize) = (320, 240);
-    const PRINCIPAL: DVec2 = DVec2::new(159.5, 119.5);
-
-    /// Boards of random size, shade and depth before a wall; of a pixel of a camera the nearest board's shade and depth.
-    struct Boards(Vec<([f64; 4], f64, f32)>);
-
-    impl Boards {
-        fn random(seed: u64) -> Self {
-            let mut draw = CounterRng::new(seed, 0, 0, 0);
-            let mut within = |low: f64, high: f64| low + (high - low) * draw.uniform();
-            let board = |_| {
-                let z = within(1.0, 3.0);
-                let (x, y) = (within(-0.6, 0.6) * z, within(-0.45, 0.45) * z);
-                let half = [within(0.05, 0.25), within(0.05, 0.25)];
-                ([x - half[0], x + half[0], y - half[1], y + half[1]], z, within(0.0, 1.0) as f32)
-            };
-            let mut boards: Vec<_> = (0..25).map(board).collect();
-            boards.sort_by(|a, b| a.1.total_cmp(&b.1));
-            boards.push(([-9.0, 9.0, -9.0, 9.0], 4.0, 0.5));
-            Self(boards)
-        }
-
-        fn seen(&self, col: usize, row: usize, focal: f64, from: [f64; 2]) -> (f32, f32) {
-            let at = (DVec2::new(col as f64, row as f64) - PRINCIPAL) / focal;
-            let hit = |(box_, z, _): &&([f64; 4], f64, f32)| {
-                let (x, y) = (at.x * z + from[0], at.y * z + from[1]);
-                x >= box_[0] && x <= box_[1] && y >= box_[2] && y <= box_[3]
-            };
-            self.0.iter().find(hit).map_or((0.0, f32::NAN), |b| (b.2, b.1 as f32))
-        }
-
-        /// A frame whose colour camera has another focal length and sees the depth camera at an offset.
-        fn frame(&self, ratio: f64, offset: [f64; 2], is_flat: bool) -> Frame {
-            let focal = 290.0;
-            let depth = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| self.seen(col, row, focal, [0.0; 2]).1);
-            let from = offset.map(|v| -v);
-            let gray = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| match is_flat {
-                true => ((col * 7919 + row * 104_729) % 97) as f32 / 97.0,
-                false => self.seen(col, row, ratio * focal, from).0,
-            });
-            let focal = DVec2::splat(focal);
-            let points = near_points(&depth, focal, PRINCIPAL);
-            Frame { edges: edges(&gray), points, focal, principal: PRINCIPAL }
-        }
-    }
-
-    fn frames(ratio: f64, offset: [f64; 2], is_flat: bool) -> Vec<Frame> {
-        (0..4).map(|seed| Boards::random(seed).frame(ratio, offset, is_flat)).collect()
-    }
+    /// What edges suggest: the colours have 0.9 times the focal length of the depths.
+    const FIT: EdgeFit = EdgeFit { focal_ratio: 0.9, offset_m: [0.0; 2], edges: [0.2, 0.9] };
 
     #[test]
-    fn the_colour_camera_of_a_sensor_is_found_from_edges() {
-        for (ratio, offset) in [(0.9, [-0.02, -0.004]), (1.08, [0.03, 0.005])] {
-            let found = search(&frames(ratio, offset, false)).expect("another camera");
-            assert!((found.focal_ratio - ratio).abs() < 0.006, "{found:?}");
-            let off = [0, 1].map(|k| (found.offset_m[k] - offset[k]).abs());
-            assert!(off.iter().all(|v| *v < 0.006), "{found:?}");
+    fn features_decide_which_camera_is_stated() {
+        let of_depths = ColorRegistration::decide(FIT, Some(&of_sensor(0.9, 1.0))).unwrap();
+        assert_eq!((of_depths.focal_ratio, of_depths.depth_focal_ratio), (0.9, 1.0));
+        let of_colors = ColorRegistration::decide(FIT, Some(&of_sensor(1.0, 1.0 / 0.9))).unwrap();
+        assert_eq!((of_colors.focal_ratio, of_colors.depth_focal_ratio), (1.0, 1.0 / 0.9));
+        for found in [of_depths, of_colors] {
+            let carried = found.evidence.carried_px.unwrap();
+            assert!(carried[1] < 0.3 && carried[0] > 1.0, "{found:?}");
         }
     }
 
     #[test]
-    fn registered_frames_and_images_without_edges_at_jumps_keep_the_stated_camera() {
-        assert_eq!(search(&frames(1.0, [0.0; 2], false)), None);
-        assert_eq!(search(&frames(1.0, [0.002, 0.0], false)), None);
-        assert_eq!(search(&frames(0.9, [-0.02, 0.0], true)), None);
-        assert_eq!(search(&[]), None);
-    }
-
-    #[test]
-    fn depths_are_brought_to_the_colour_camera() {
-        let boards = Boards::random(3);
-        let depth = |focal: f64, from: [f64; 2]| {
-            Grid2::from_fn(SIZE.0, SIZE.1, |col, row| boards.seen(col, row, focal, from).1)
-        };
-        let focal = DVec2::splat(290.0);
-        let camera = SensorCamera { focal, principal: PRINCIPAL, center: DVec3::new(-0.02, -0.004, 0.0) };
-        let lens = LensCamera::pinhole(0.9 * focal, PRINCIPAL, SIZE);
-        let (found, expected) = (camera.seen_by(&lens, &depth(290.0, [0.0; 2])), depth(261.0, [0.02, 0.004]));
-        let known = found.data.iter().zip(&expected.data).filter(|(a, _)| !a.is_nan());
-        let off = known.clone().filter(|(a, b)| (*a - *b).abs() > 1e-4).count();
-        let (off, all) = (off as f64, known.count() as f64);
-        assert!(all > 0.9 * 0.8 * (SIZE.0 * SIZE.1) as f64 && off < 0.05 * all, "{off} of {all} pixels");
+    fn what_features_contradict_is_not_applied() {
+        let rejected = ColorRegistration::decide(FIT, Some(&of_sensor(1.0, 1.0))).unwrap_err();
+        let [stated, suggested] = rejected.evidence.carried_px.unwrap();
+        assert!(stated < 0.3 && suggested > 1.0, "{rejected:?}");
+        assert!(rejected.to_string().contains("matched features contradict it"), "{rejected}");
+        let unknown = ColorRegistration::decide(FIT, None).unwrap_err();
+        assert!(unknown.evidence.carried_px.is_none() && unknown.to_string().contains("too few features"));
     }
 }

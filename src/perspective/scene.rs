@@ -6,13 +6,15 @@ use super::error::PerspectiveError;
 use super::georeference::Georeference;
 use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
-use super::registration::ColorRegistration;
+use super::registration::{ColorRegistration, RejectedRegistration};
 use super::scene_parts::{Layout, ScenePoint};
 use super::transparency::Transparency;
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, scannetpp, transforms};
+use crate::frame::Point;
 use crate::io::vsi;
 use crate::scene::{Found, Role};
+use crate::stats::median;
 use glam::DVec3;
 use std::path::Path;
 
@@ -21,10 +23,13 @@ const EXPECTED: &str = "expected a COLMAP project (cameras.bin or cameras.txt, i
      transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS (`Images` and `Cams`) or of \
      ScanNet++ (`dslr/colmap` and `dslr/resized_images`)";
 
+/// Largest spacing of coordinates of single precision as a share of the extent of the cameras.
+const COARSEST: f64 = 1e-4;
+
 /// Photographs with pinhole cameras of one place.
 ///
 /// With a georeference, the frame of all positions is the site frame: metres east, north and up from an origin near the
-/// middle of the scene. Without one it is the frame of the file, whose axes and unit may be any.
+/// middle of the scene. Without one it is the frame of the file, whose axes and unit may be any, less [`PerspectiveScene::origin`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct PerspectiveScene {
     /// How its files are arranged.
@@ -35,12 +40,16 @@ pub struct PerspectiveScene {
     pub points: Vec<ScenePoint>,
     /// Where the scene lies on Earth, if that is known.
     pub georeference: Option<Georeference>,
+    /// Place in the frame of the file from which positions are measured; none for its origin.
+    pub origin: Option<[f64; 3]>,
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
     /// Keys and files of the scene that are not used, and why.
     pub unused: Vec<(String, String)>,
     /// The colour camera of RGB-D frames, if it was found to be another one than that of the depth maps.
     pub registration: Option<ColorRegistration>,
+    /// Two cameras of RGB-D frames that edges suggest and matched features do not confirm; they are not used.
+    pub rejected_registration: Option<RejectedRegistration>,
 }
 
 impl PerspectiveScene {
@@ -69,7 +78,10 @@ impl PerspectiveScene {
     pub fn read(path: &Path, options: &PerspectiveOptions) -> Result<Self, PerspectiveError> {
         let mut scene = Self::read_as_stated(path, options)?;
         if scene.layout == Layout::RgbD {
-            scene.registration = ColorRegistration::find(&scene.views);
+            match ColorRegistration::find(&scene.views) {
+                Ok(found) => scene.registration = found,
+                Err(rejected) => scene.rejected_registration = Some(rejected),
+            }
         }
         Ok(scene.registered())
     }
@@ -121,13 +133,58 @@ impl PerspectiveScene {
         let mut unused = std::mem::take(&mut drafts.unused);
         unused.extend(unused_companions(path, &drafts));
         let views = drafts.views(options, georeference.as_ref())?;
-        Ok(Self { layout, views, points, georeference, skipped, unused, registration: None })
+        Ok(Self {
+            layout,
+            views,
+            points,
+            georeference,
+            origin: None,
+            skipped,
+            unused,
+            registration: None,
+            rejected_registration: None,
+        })
     }
 
     /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.
     #[must_use]
     pub fn is_metric(&self) -> bool {
         self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir | Layout::ScanNetPp)
+    }
+
+    /// The scene with positions from a place among its cameras, on whole units, if they are too large: splats have coordinates of
+    /// single precision.
+    #[must_use]
+    pub fn near_origin(self) -> Self {
+        let centers: Vec<DVec3> = self.views.iter().map(|v| v.camera.center).collect();
+        let middle = |k: usize| median(centers.iter().map(|c| c[k]).collect()).unwrap_or(0.0).round();
+        let origin = DVec3::new(middle(0), middle(1), middle(2));
+        let farthest = centers.iter().map(|c| c.abs().max_element()).fold(0.0, f64::max);
+        let apart = centers.iter().map(|c| c.distance(origin)).fold(0.0, f64::max);
+        let extent = if centers.len() > 1 { apart } else { 1.0 };
+        let is_far = self.georeference.is_none() && farthest * f64::from(f32::EPSILON) > COARSEST * extent;
+        if is_far && origin != DVec3::ZERO { self.measured_from(origin.to_array()) } else { self }
+    }
+
+    /// The scene with positions from a place in the frame of its file.
+    #[must_use]
+    pub fn measured_from(mut self, origin: [f64; 3]) -> Self {
+        let by = DVec3::from_array(origin);
+        for point in &mut self.points {
+            let [x, y, z] = (DVec3::from_array(point.position.xyz()) - by).to_array();
+            point.position = Point::new(x, y, z);
+        }
+        self.views.iter_mut().for_each(|view| view.camera.center -= by);
+        Self { origin: Some(origin), ..self }
+    }
+
+    /// What is to be known of positions whose origin is not that of the file.
+    #[must_use]
+    pub fn moved(&self) -> Option<String> {
+        let [x, y, z] = self.origin?;
+        Some(format!(
+            "coordinates are too large for single precision: positions are those of the file less ({x}, {y}, {z})"
+        ))
     }
 
     /// How many images have transparent pixels, and what these mean; none without such images.

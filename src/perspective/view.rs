@@ -4,6 +4,7 @@ use super::error::PerspectiveError;
 use super::jpeg;
 use super::lens::LensCamera;
 use super::mask_file::MaskFile;
+use super::orientation::Orientation;
 use super::pinhole::PinholeCamera;
 use super::transparency::Transparency;
 use super::undistort::Undistortion;
@@ -77,6 +78,8 @@ pub struct PerspectiveView {
     pub image: PathBuf,
     /// Whether the view is trained on.
     pub role: Role,
+    /// How the image file is stored, if the camera is of the image as displayed.
+    pub turned: Option<Orientation>,
     /// The camera of the image file, with its lens.
     pub lens_camera: LensCamera,
     /// The camera of the image that [`PerspectiveView::read_image`] returns: undistorted, downsampled.
@@ -187,9 +190,15 @@ impl PerspectiveView {
     /// The colours of the file on black, and how much of a pixel is not empty if some are; NaN where nothing is known.
     fn file_on_black(&self) -> Result<([Grid2; 3], Option<Grid2>), PerspectiveError> {
         let file = self.open(&self.image)?;
-        let mut planes = self.colors(&file)?;
+        let displayed = |grid: Grid2| match self.turned {
+            Some(turned) => turned.displayed(&grid),
+            None => grid,
+        };
+        let mut planes = self.colors(&file)?.map(displayed);
         let Some(meaning) = self.transparency else { return Ok((planes, None)) };
-        let Some(opacity) = file.opacity(&file.default_bands())? else { return Ok((planes, None)) };
+        let Some(opacity) = file.opacity(&file.default_bands())?.map(displayed) else {
+            return Ok((planes, None));
+        };
         for plane in &mut planes {
             for (value, opacity) in plane.data.iter_mut().zip(&opacity.data) {
                 match meaning {
@@ -309,7 +318,9 @@ impl PerspectiveView {
     /// Opens a raster that must have the size of the camera.
     fn open(&self, path: &Path) -> Result<ImageFile, PerspectiveError> {
         let file = ImageFile::open(path)?;
-        if file.size() == self.lens_camera.size {
+        let (width, height) = self.lens_camera.size;
+        let stored = if self.turned.is_some() { (height, width) } else { (width, height) };
+        if file.size() == stored {
             return Ok(file);
         }
         Err(self.other_size(file.size(), path, "an image keeps its size while it is used"))

@@ -203,19 +203,6 @@ pub enum PipelineError {
         /// The option.
         option: &'static str,
     },
-    /// The coordinates of a scene are too large for splats.
-    #[error(
-        "cameras stand {farthest:.0} units from the origin and {extent:.3} from each other: splats cannot be placed there"
-    )]
-    #[diagnostic(help(
-        "--georef FILE trains in a frame with its origin in the scene; see `satgs run --help`"
-    ))]
-    FarFromOrigin {
-        /// Largest coordinate of a camera centre.
-        farthest: f64,
-        /// Extent of the cameras.
-        extent: f64,
-    },
     /// Points or images are of something else than the cameras of a scene.
     #[error("{what} do not belong to the cameras of the scene: {reason}")]
     #[diagnostic(help("{cause}"))]
@@ -557,7 +544,6 @@ impl PipelineError {
             | Self::RecipeOfSatellites { .. }
             | Self::RecipeOfPerspective { .. }
             | Self::OnlyViews { .. }
-            | Self::FarFromOrigin { .. }
             | Self::Elsewhere { .. }
             | Self::NoGeoreference { .. }
             | Self::NoSparsePoints { .. }

@@ -56,7 +56,7 @@ pub fn run_perspective(
 ) -> Result<(), PipelineError> {
     options.train.perspective_recipe()?;
     options.dsm.check(run)?;
-    let read = PerspectiveScene::read(scene, &options.scene)?;
+    let read = PerspectiveScene::read(scene, &options.scene)?.near_origin();
     let _lock = RunLock::make(run)?;
     if run.join(SCENE).exists() && !is_run(run) {
         return Err(PipelineError::OfSatellites { run: run.into() });

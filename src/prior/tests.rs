@@ -25,6 +25,7 @@ pub(super) fn view(k: usize) -> PerspectiveView {
         path_in_scene: PathBuf::from(format!("photo.{k}.png")),
         image: PathBuf::from(format!("photo.{k}.png")),
         role: Role::Train,
+        turned: None,
         lens_camera: lens,
         camera: PerspectiveView::undistorted_camera(&lens, cam_from_site, center, 1),
         downsampling: 1,

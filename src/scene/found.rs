@@ -34,6 +34,8 @@ pub enum Found {
     Nothing,
     /// Photographs, without the poses of their cameras.
     Photographs {
+        /// The folder that holds them, or one above it.
+        folder: PathBuf,
         /// How many.
         number: usize,
     },
@@ -76,7 +78,7 @@ impl Found {
         let number =
             std::iter::once(path.to_path_buf()).chain(folders.cloned()).map(|f| photographs_in(&f)).max();
         match number {
-            Some(number) if number > 0 => Self::Photographs { number },
+            Some(number) if number > 0 => Self::Photographs { folder: path.into(), number },
             _ => first_of(&VIDEOS)
                 .or(listing.iter().find(|p| is_archive(p)))
                 .map_or(Self::Nothing, |file| Self::of_file(file)),
@@ -85,7 +87,7 @@ impl Found {
 
     fn of_file(path: &Path) -> Self {
         if has_extension(path, &PHOTOGRAPHS) {
-            Self::Photographs { number: 1 }
+            Self::Photographs { folder: path.parent().unwrap_or(Path::new("")).into(), number: 1 }
         } else if has_extension(path, &VIDEOS) {
             Self::Video { path: path.into() }
         } else if is_archive(path) {
@@ -100,8 +102,10 @@ impl Found {
     pub fn clause(&self) -> String {
         match self {
             Self::Nothing => String::new(),
-            Self::Photographs { number: 1 } => ": it is a photograph without the pose of its camera".into(),
-            Self::Photographs { number } => {
+            Self::Photographs { number: 1, .. } => {
+                ": it is a photograph without the pose of its camera".into()
+            }
+            Self::Photographs { number, .. } => {
                 format!(": it holds {number} photographs without the poses of their cameras")
             }
             Self::Video { path } => format!(": `{}` is a video", file_name(path)),
@@ -115,16 +119,17 @@ impl Found {
     pub fn next_step(&self) -> Option<String> {
         Some(match self {
             Self::Nothing => return None,
-            Self::Photographs { .. } => {
-                "COLMAP finds the poses: put the photographs into WORK/images, run `colmap automatic_reconstructor \
-                 --workspace_path WORK --image_path WORK/images --dense 0`, then `satgs run WORK -o RUN`; of satellite \
-                 images use the files as delivered, with their RPC"
-                    .into()
-            }
+            Self::Photographs { folder, .. } => format!(
+                "find the poses: `satgs-poses {} -o SCENE`, of the Python package (`pip install './python[poses]'`), then \
+                 `satgs run SCENE -o RUN`; or by COLMAP: put the photographs into WORK/images, run `colmap automatic_reconstructor \
+                 --workspace_path WORK --image_path WORK/images --dense 0`, then `satgs run WORK -o RUN`; of satellite images use \
+                 the files as delivered, with their RPC",
+                folder.display()
+            ),
             Self::Video { path } => format!(
-                "take frames and find their poses: `ffmpeg -i {} -vf fps=2 -qscale:v 2 WORK/images/%04d.jpg`, `colmap \
-                 automatic_reconstructor --workspace_path WORK --image_path WORK/images --dense 0`, then `satgs run WORK \
-                 -o RUN`",
+                "take frames and find their poses: `ffmpeg -i {} -vf fps=2 -qscale:v 2 WORK/images/%04d.jpg`, `satgs-poses \
+                 WORK/images -o WORK` of the Python package or `colmap automatic_reconstructor --workspace_path WORK --image_path \
+                 WORK/images --dense 0`, then `satgs run WORK -o RUN`",
                 path.display()
             ),
             Self::Archive { inside: Some(inside), .. } => {

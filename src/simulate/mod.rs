@@ -50,7 +50,7 @@ use landscape::Landscape;
 pub use options::{BitDepth, PlannedView, SimulateOptions};
 pub use perspective::{DisparityMap, TestSetSummary, TestSetView};
 pub use plan::Relief;
-pub use room::{RoomOptions, simulate_room};
+pub use room::{RoomOptions, StatedCamera, simulate_room};
 use sensor::{Acquisition, LineScanner};
 use std::path::Path;
 pub use summary::{AppearanceFigures, SceneFigures, Summary, SurfaceFigures, ViewFigures};

@@ -25,7 +25,7 @@ const LAYERS: [(&str, Option<&[&str]>); 32] = [
     ),
     ("camera", Some(&["simd"])),
     ("affine", Some(&["fault", "stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
-    ("perspective", Some(&["fault", "stats", "random", "simd", "frame", "io", "scene", "camera"])),
+    ("perspective", Some(&["fault", "stats", "random", "simd", "frame", "io", "scene", "bundle", "camera"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine", "perspective"])),
     (
         "prior",

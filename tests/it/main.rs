@@ -36,6 +36,7 @@ mod object_stores;
 mod perspective_faults;
 mod perspective_scenes;
 mod perspective_training;
+mod photograph_cameras;
 mod pipeline;
 mod predict;
 mod prior;

@@ -33,7 +33,12 @@ fn refused_scene(scene: &Path, says: &[&str]) {
 fn photographs_without_poses_are_sent_to_colmap() {
     let says = ["2 photographs without the poses", "colmap automatic_reconstructor", "satgs run WORK -o RUN"];
     for files in [["a.jpg", "b.JPG"], ["images/1.png", "images/2.jpeg"]] {
-        refused_scene(folder(&files).path(), &says);
+        let photographs = folder(&files);
+        let poses = format!("`satgs-poses {} -o SCENE`", photographs.path().display());
+        refused_scene(
+            photographs.path(),
+            &[&says[..], &[poses.as_str(), "pip install './python[poses]'"]].concat(),
+        );
     }
     let one = folder(&["a.jpg"]);
     refused_scene(&one.path().join("a.jpg"), &["a photograph without the pose", "colmap"]);

@@ -14,6 +14,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
             seed: args.seed,
             views: args.views.unwrap_or(defaults.views),
             size_px: args.size.unwrap_or(defaults.size_px),
+            frames: args.frames.map(Into::into),
             overwrite: args.overwrite,
         };
         let summary = simulate_room(&args.out, &options, ui)?;

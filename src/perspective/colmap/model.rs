@@ -76,6 +76,10 @@ pub struct ColmapModel {
     pub points: Vec<ColmapPoint>,
 }
 
+/// Mean reprojection error that no reconstruction has, pixels, and over the stated one.
+const MOST_PX: f64 = 4.0;
+const CHANGED: f64 = 4.0;
+
 /// How well the points of a model fit its images.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Reprojection {
@@ -87,6 +91,22 @@ pub struct Reprojection {
     /// The mean of the errors that the file states for its points, if it states any, pixels. They are those of the images
     /// that were reconstructed, which are larger than undistorted and resized ones.
     pub stated_px: Option<f64>,
+}
+
+impl Reprojection {
+    /// What the user should know, if the points do not fit the images as they did when they were found.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        let Self { mean_px, stated_px, .. } = *self;
+        let stated = stated_px.unwrap_or(MOST_PX / CHANGED);
+        (mean_px > MOST_PX && mean_px > CHANGED * stated).then(|| {
+            let stated = stated_px.map_or(String::new(), |px| format!(" (the file states {px:.2} px)"));
+            format!(
+                "the points of the model lie {mean_px:.1} px from where its images observe them{stated}; were its cameras or poses \
+                 changed after the reconstruction?"
+            )
+        })
+    }
 }
 
 impl ColmapCamera {

@@ -6,8 +6,9 @@ use super::super::run_folder::own_images::require_own_images;
 use super::super::run_folder::perspective_cameras::write_trained;
 use super::super::run_folder::perspective_fingerprint::perspective_fingerprint;
 use super::super::run_folder::perspective_manifest::PerspectiveManifest;
-use super::super::run_folder::photographs::{read_views, require_fine_coordinates};
+use super::super::run_folder::photographs::read_views;
 use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
+use super::super::run_folder::tell_of_scene::check_poses;
 use super::super::train_options::TrainOptions;
 use super::super::trained::Trained;
 use super::super::training_stage::{Iterated, Snapshot, TrainingStage};
@@ -62,7 +63,9 @@ pub fn train_scene(
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
-    require_fine_coordinates(scene)?;
+    if interrupted.is_none() {
+        check_poses(&manifest.scene, scene, progress)?;
+    }
     let matched = matched_scene(run, scene, options, progress)?;
     let scene = matched.as_ref().unwrap_or(scene);
     let working = frame.enter(scene);

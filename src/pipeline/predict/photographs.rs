@@ -9,7 +9,7 @@ use crate::perspective::PerspectiveScene;
 use crate::pipeline::run_folder::own_images::require_own_images;
 use crate::pipeline::run_folder::perspective_cameras::write_trained;
 use crate::pipeline::run_folder::perspective_fingerprint::perspective_fingerprint;
-use crate::pipeline::run_folder::photographs::{read_views, require_fine_coordinates};
+use crate::pipeline::run_folder::photographs::read_views;
 use crate::pipeline::run_folder::stage::{Outcome, hash_file};
 use crate::pipeline::run_folder::tell_of_scene::tell_of_scene;
 use crate::pipeline::scene_points::start_points;
@@ -42,7 +42,7 @@ pub fn predict_scene(
     options: &PredictOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<Predicted>, PipelineError> {
-    let scene = PerspectiveScene::read(path, &options.perspective)?;
+    let scene = PerspectiveScene::read(path, &options.perspective)?.near_origin();
     tell_of_scene(&scene, progress);
     predict(&PerspectiveManifest::new(path, &options.perspective, &scene), &scene, out, options, progress)
 }
@@ -74,7 +74,6 @@ fn predict(
         }
         None => start_points(scene, frame.unit(), false)?.iter().map(|p| p.position.xyz()).collect(),
     };
-    require_fine_coordinates(scene)?;
     let views = read_views(scene, progress)?;
     require_own_images(&manifest.scene, scene, &views, progress)?;
     let start = Instant::now();

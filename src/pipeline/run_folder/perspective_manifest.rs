@@ -27,6 +27,9 @@ pub struct PerspectiveManifest {
     pub layout: Layout,
     /// Where it lies on Earth, if that is known.
     pub georeference: Option<Georeference>,
+    /// Place in the frame of the scene's files from which positions are measured; none for their own origin.
+    #[serde(default)]
+    pub origin: Option<[f64; 3]>,
     /// Number of points that it comes with.
     pub points: usize,
     /// Its views.
@@ -78,6 +81,7 @@ impl PerspectiveManifest {
             options,
             layout: scene.layout,
             georeference: scene.georeference.clone(),
+            origin: scene.origin,
             points: scene.points.len(),
             views: scene.views.iter().map(view).collect(),
             skipped: scene.skipped.clone(),
@@ -105,7 +109,11 @@ impl PerspectiveManifest {
     /// # Errors
     /// [`PipelineError::Perspective`] when it is no longer there or has changed for the worse.
     pub fn read_scene(&self) -> Result<PerspectiveScene, PipelineError> {
-        Ok(PerspectiveScene::read_again(&self.scene, &self.options, self.registration)?)
+        let scene = PerspectiveScene::read_again(&self.scene, &self.options, self.registration)?;
+        Ok(match self.origin {
+            Some(origin) => scene.measured_from(origin),
+            None => scene,
+        })
     }
 }
 

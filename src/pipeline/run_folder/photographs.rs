@@ -2,25 +2,11 @@
 
 use super::super::PipelineError;
 use crate::affine::SiteSceneError;
-use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
+use crate::perspective::{PerspectiveScene, PerspectiveView};
 use crate::progress::{Event, Progress};
 use crate::scene::Role;
-use crate::splat::pinhole::{PinholeView, extent_m};
+use crate::splat::pinhole::PinholeView;
 use rayon::prelude::*;
-
-/// Largest spacing of coordinates as a share of the extent of the cameras.
-const COARSEST: f64 = 1e-4;
-
-/// Splats in files have coordinates of single precision: far from the origin, as on a map, they cannot be placed.
-pub fn require_fine_coordinates(scene: &PerspectiveScene) -> Result<(), PipelineError> {
-    let cameras: Vec<PinholeCamera> = scene.training().map(|view| view.camera).collect();
-    let extent_m = extent_m(&cameras);
-    let farthest = cameras.iter().map(|c| c.center.abs().max_element()).fold(0.0, f64::max);
-    if farthest * f64::from(f32::EPSILON) > COARSEST * extent_m {
-        return Err(PipelineError::FarFromOrigin { farthest, extent: extent_m });
-    }
-    Ok(())
-}
 
 /// Reads the images of the training views.
 pub fn read_views(

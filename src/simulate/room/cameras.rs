@@ -22,7 +22,7 @@ const INNERMOST: [f64; 2] = [0.9, 0.75];
 
 /// Cameras on a ring around the table at two heights, which look across the room.
 pub(super) fn around(views: usize, size_px: usize, rng: KeyedRng) -> Vec<PinholeCamera> {
-    let focal_px = 0.5 * size_px as f64 / HALF_FIELD_DEG.to_radians().tan();
+    let focal_px = focal_px(size_px);
     let Block { low, high } = ROOM;
     let ring = 0.5 * (high - low) - DVec3::splat(FROM_WALL_M);
     (0..views)
@@ -41,6 +41,32 @@ pub(super) fn around(views: usize, size_px: usize, rng: KeyedRng) -> Vec<Pinhole
             PinholeCamera::looking_at(center, center + along, DVec3::Z, size_px, focal_px)
         })
         .collect()
+}
+
+/// Turn between the frames of a walk around the table, degrees, and how far they swing aside and up.
+const STEP_DEG: f64 = 5.0;
+const SWING_DEG: [f64; 2] = [20.0, 14.0];
+
+/// Cameras on a walk around the table, each near the one before it, which look across the room.
+pub(super) fn walk(views: usize, size_px: usize) -> Vec<PinholeCamera> {
+    let Block { low, high } = ROOM;
+    let ring = 0.5 * (high - low) - DVec3::splat(FROM_WALL_M);
+    let of = |i: usize| {
+        let turn = (STEP_DEG * i as f64).to_radians();
+        let [aside, up] = [1.7, 2.3].map(|rate: f64| (rate * turn).sin());
+        let height = HEIGHTS_M[1] + 0.1 * aside;
+        let center = DVec3::new(ring.x * turn.cos(), ring.y * turn.sin(), height);
+        let inward = (-center.y).atan2(-center.x) + (SWING_DEG[0] * aside).to_radians();
+        let (rise, level_part) = (SWING_DEG[1] * (up - 1.0)).to_radians().sin_cos();
+        let along = DVec3::new(inward.cos() * level_part, inward.sin() * level_part, rise);
+        PinholeCamera::looking_at(center, center + along, DVec3::Z, size_px, focal_px(size_px))
+    };
+    (0..views).map(of).collect()
+}
+
+/// Focal length of the cameras, pixels.
+fn focal_px(size_px: usize) -> f64 {
+    0.5 * size_px as f64 / HALF_FIELD_DEG.to_radians().tan()
 }
 
 /// Smallest distance of a place from the walls and the table, metres.

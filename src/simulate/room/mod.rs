@@ -5,12 +5,15 @@
 //! wall, z upwards.
 
 mod cameras;
+mod frames;
 mod mesh;
 mod options;
 mod shape;
 mod shading;
 mod texture;
 
+pub use frames::StatedCamera;
+pub(super) use frames::{FOLDER as FRAMES, files as frame_files};
 pub use options::RoomOptions;
 
 use super::error::SimulateError;
@@ -58,6 +61,9 @@ pub fn simulate_room(
         mesh: &mesh,
         rng: rng.key(3),
     };
+    if let Some(stated) = options.frames {
+        frames::write(out, &room, stated, (options.views, options.size_px), progress)?;
+    }
     set.write(out, progress)
 }
 

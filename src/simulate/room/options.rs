@@ -1,5 +1,6 @@
 //! Options of a simulated room.
 
+use super::frames::StatedCamera;
 use crate::simulate::SimulateError;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -18,13 +19,16 @@ pub struct RoomOptions {
     pub views: usize,
     /// Columns and rows of every image.
     pub size_px: usize,
+    /// Also writes RGB-D frames, and which camera these state.
+    #[serde(default)]
+    pub frames: Option<StatedCamera>,
     /// Whether files of an earlier simulation in the folder are replaced.
     pub overwrite: bool,
 }
 
 impl Default for RoomOptions {
     fn default() -> Self {
-        Self { seed: 0, views: 60, size_px: 640, overwrite: false }
+        Self { seed: 0, views: 60, size_px: 640, frames: None, overwrite: false }
     }
 }
 

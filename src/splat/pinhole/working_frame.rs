@@ -157,6 +157,7 @@ mod tests {
                 path_in_scene: format!("{k}.png").into(),
                 image: format!("{k}.png").into(),
                 role: Role::Train,
+                turned: None,
                 lens_camera: lens,
                 camera: PerspectiveView::undistorted_camera(
                     &lens,
@@ -181,9 +182,11 @@ mod tests {
             views: (0..9).map(view).collect(),
             points: (0..if with_points { 500 } else { 0 }).map(point).collect(),
             georeference: None,
+            origin: None,
             skipped: Vec::new(),
             unused: Vec::new(),
             registration: None,
+            rejected_registration: None,
         }
     }
 
