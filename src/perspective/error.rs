@@ -1,6 +1,6 @@
 //! Errors of perspective scenes.
 
-use super::epipolar::PoseFinding;
+use super::pose_finding::PoseFinding;
 use crate::fault::ErrorKind;
 use crate::frame::FrameError;
 use crate::io::{RasterError, ReadError, WriteError};

@@ -21,6 +21,7 @@ mod orientation;
 mod pinhole;
 mod point_normals;
 mod pose;
+mod pose_finding;
 mod registration;
 mod rgbd;
 mod scannetpp;
@@ -35,7 +36,7 @@ mod undistort;
 mod view;
 mod words;
 
-pub use epipolar::{PoseCheck, PoseFinding, ViewResidual};
+pub use epipolar::{PoseCheck, ViewResidual};
 pub use error::PerspectiveError;
 pub use from_depths::points_from_depths;
 pub use georeference::{Georeference, PositionFit};
@@ -46,6 +47,7 @@ pub use options::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews}
 pub use orientation::Orientation;
 pub use pinhole::PinholeCamera;
 pub use point_normals::point_normals;
+pub use pose_finding::PoseFinding;
 pub use registration::{ColorRegistration, RegistrationEvidence, RejectedRegistration};
 pub use scene::PerspectiveScene;
 pub use scene_parts::{Layout, ScenePoint};

@@ -3,8 +3,7 @@
 use super::appearance::{LIST, PICTURES};
 use super::error::SimulateError;
 use super::export::{TEST_LIST, TRAIN_LIST};
-use super::perspective::{DESCRIPTION, DISPARITIES, IMAGES, MAPS, MESH, MODEL};
-use super::room;
+use super::perspective::{DESCRIPTION, DISPARITIES, FRAMES, IMAGES, MAPS, MESH, MODEL, frame_files};
 use super::terrain::TRUTH_NAMES;
 use crate::io::WriteError;
 use std::path::{Path, PathBuf};
@@ -30,7 +29,7 @@ pub(super) fn prepare(out: &Path, overwrite: bool) -> Result<(), SimulateError> 
     }
     let appearance = format!("truth/{APPEARANCE}");
     let folders = [appearance.as_str(), "truth/rpcs", IMAGES, MODEL, "sparse"].into_iter();
-    for folder in folders.chain(MAPS).chain(["priors", room::FRAMES]) {
+    for folder in folders.chain(MAPS).chain(["priors", FRAMES]) {
         // A folder stays if it holds other files, which is no failure.
         let _ = std::fs::remove_dir(out.join(folder));
     }
@@ -78,7 +77,7 @@ fn of_photographs(out: &Path) -> Vec<PathBuf> {
     let description = [out.join(MAPS[2]).join(DESCRIPTION)];
     let files = model.into_iter().chain(single).chain(description);
     found.extend(files.filter(|path| path.exists()));
-    found.extend(room::frame_files(out));
+    found.extend(frame_files(out));
     found
 }
 

@@ -2,11 +2,11 @@
 
 use super::super::pinhole::PinholeCamera;
 use super::super::pose::Pose;
+use super::super::pose_finding::PoseFinding;
 use super::super::scene_parts::ScenePoint;
 use super::super::view::PerspectiveView;
 use super::convention::{Reading, other_focal};
 use super::features::ViewFeatures;
-use super::finding::PoseFinding;
 use super::matched_pair::MatchedPair;
 use super::pairs::{neighbours, usual_depths};
 use super::strangers::Views;

@@ -7,7 +7,6 @@ mod check;
 mod consensus;
 mod convention;
 mod features;
-mod finding;
 mod matched_pair;
 mod motion;
 mod pairs;
@@ -15,6 +14,5 @@ mod strangers;
 
 pub use check::{PoseCheck, ViewResidual};
 pub(super) use features::{RigidMatches, ViewFeatures};
-pub use finding::PoseFinding;
 pub(super) use motion::Motion;
 pub(super) use pairs::neighbours;

@@ -6,6 +6,7 @@
 
 mod camera;
 mod colmap;
+mod frames;
 mod points;
 mod priors;
 mod set;
@@ -13,6 +14,8 @@ mod summary;
 pub(super) mod surface_mesh;
 
 pub(super) use camera::PinholeCamera;
+pub use frames::StatedCamera;
+pub(super) use frames::{FRAMES, frame_files, write_frames};
 pub(super) use points::PointRules;
 pub(super) use set::{DESCRIPTION, DISPARITIES, IMAGES, MAPS, MESH, MODEL, TestSet};
 pub use summary::{DisparityMap, TestSetSummary, TestSetView};

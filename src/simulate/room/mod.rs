@@ -5,21 +5,18 @@
 //! wall, z upwards.
 
 mod cameras;
-mod frames;
 mod mesh;
 mod options;
 mod shape;
 mod shading;
 mod texture;
 
-pub use frames::StatedCamera;
-pub(super) use frames::{FOLDER as FRAMES, files as frame_files};
 pub use options::RoomOptions;
 
 use super::error::SimulateError;
 use super::folder;
 use super::keyed_rng::KeyedRng;
-use super::perspective::{Hit, PinholeCamera, PointRules, Scenery, TestSet, TestSetSummary};
+use super::perspective::{Hit, PinholeCamera, PointRules, Scenery, TestSet, TestSetSummary, write_frames};
 use crate::frame::Pixel;
 use crate::progress::{Event, Progress};
 use glam::DVec3;
@@ -62,7 +59,8 @@ pub fn simulate_room(
         rng: rng.key(3),
     };
     if let Some(stated) = options.frames {
-        frames::write(out, &room, stated, (options.views, options.size_px), progress)?;
+        let cameras = cameras::walk(options.views, options.size_px);
+        write_frames(out, &room, &cameras, stated, progress)?;
     }
     set.write(out, progress)
 }

@@ -1,7 +1,7 @@
 //! Options of a simulated room.
 
-use super::frames::StatedCamera;
 use crate::simulate::SimulateError;
+use crate::simulate::perspective::StatedCamera;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 

@@ -1,19 +1,17 @@
-//! RGB-D frames of the room, as a sensor takes them that is carried around the table.
+//! RGB-D frames, as a sensor takes them that is carried along a path.
 
-use super::Room;
-use super::cameras;
+use super::{PinholeCamera, Scenery};
 use crate::frame::Pixel;
 use crate::io::{WriteError, write_file, write_png_gray16, write_png_rgb};
 use crate::progress::{Event, Progress};
 use crate::simulate::error::SimulateError;
-use crate::simulate::perspective::{PinholeCamera, Scenery};
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Folder of the frames.
-pub(in crate::simulate) const FOLDER: &str = "frames";
+pub(in crate::simulate) const FRAMES: &str = "frames";
 /// The file of the stated intrinsic parameters.
 const INTRINSICS: &str = "camera-intrinsics.txt";
 /// Ends of the names of files of a frame.
@@ -37,24 +35,24 @@ pub enum StatedCamera {
     Color,
 }
 
-/// Writes frames to the folder `frames` of a room.
-pub(super) fn write(
+/// Writes frames of these colour cameras to the folder [`FRAMES`].
+pub(in crate::simulate) fn write_frames(
     out: &Path,
-    room: &Room,
+    scenery: &dyn Scenery,
+    cameras: &[PinholeCamera],
     stated: StatedCamera,
-    (frames, size_px): (usize, usize),
     progress: &dyn Progress,
 ) -> Result<(), SimulateError> {
-    let folder = out.join(FOLDER);
-    progress.event(Event::Started { stage: "taking RGB-D frames", total: frames as u64 });
-    for (i, color) in cameras::walk(frames, size_px).iter().enumerate() {
+    let folder = out.join(FRAMES);
+    progress.event(Event::Started { stage: "taking RGB-D frames", total: cameras.len() as u64 });
+    for (i, color) in cameras.iter().enumerate() {
         progress.check()?;
         let depth = if stated == StatedCamera::Registered { color.clone() } else { depth_camera(color) };
         let named = if stated == StatedCamera::Depth { &depth } else { color };
         if i == 0 {
             write_file(&folder.join(INTRINSICS), intrinsics(named))?;
         }
-        write_frame(&folder, i, room, [color, &depth, named])?;
+        write_frame(&folder, i, scenery, [color, &depth, named])?;
         progress.event(Event::Advanced { done: i as u64 + 1, status: String::new() });
     }
     progress.event(Event::Finished);
@@ -72,15 +70,15 @@ fn depth_camera(color: &PinholeCamera) -> PinholeCamera {
 fn write_frame(
     folder: &Path,
     i: usize,
-    room: &Room,
+    scenery: &dyn Scenery,
     [color, depth, named]: [&PinholeCamera; 3],
 ) -> Result<(), WriteError> {
     let size = color.size_px;
     let [color_file, depth_file, pose_file] = ENDS.map(|end| folder.join(format!("frame-{i:06}{end}")));
-    write_png_rgb(&color_file, size, size, &room.picture(color))?;
+    write_png_rgb(&color_file, size, size, &scenery.picture(color))?;
     let stored = |k: usize| {
         let along = depth.direction(Pixel::new((k % size) as f64, (k / size) as f64));
-        room.first_hit(depth.center, along).map_or(0, |hit| (PER_METRE * hit.distance).round() as u16)
+        scenery.first_hit(depth.center, along).map_or(0, |hit| (PER_METRE * hit.distance).round() as u16)
     };
     let depths: Vec<u16> = (0..size * size).into_par_iter().map(stored).collect();
     write_png_gray16(&depth_file, size, size, &depths)?;
@@ -100,8 +98,8 @@ fn pose(camera: &PinholeCamera) -> String {
 }
 
 /// The files of frames in a folder of an earlier simulation.
-pub(in crate::simulate) fn files(out: &Path) -> Vec<PathBuf> {
-    let folder = out.join(FOLDER);
+pub(in crate::simulate) fn frame_files(out: &Path) -> Vec<PathBuf> {
+    let folder = out.join(FRAMES);
     let is_one = |name: &str| {
         name == INTRINSICS || (name.starts_with("frame-") && ENDS.iter().any(|end| name.ends_with(end)))
     };
