@@ -1,4 +1,4 @@
-//! Whose fault a failure is. Every enum of errors that holds those of others tells it by a method `kind`.
+//! Whose fault a failure is. Every enum of errors tells it by a method `kind`, unless all its errors are of the input.
 
 /// Whose fault a failure is, which decides the exit code of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -94,7 +94,7 @@ fn backend() -> CpuBackend<SatelliteViews> {
         cube: Cube::default(),
         visibility: None,
     };
-    CpuBackend::new(SatelliteViews::new(scene, state.splats.primitive()), state).unwrap()
+    CpuBackend::new(SatelliteViews::new(scene, &state), state).unwrap()
 }
 
 /// An iteration with three renders and learning rates of zero, so that every iteration does the same work.

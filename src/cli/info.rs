@@ -304,34 +304,31 @@ fn ground(scene: &Scene, o: &Overlap) -> String {
 }
 
 /// Expected accuracy and time of `satgs run`; nothing without two views of common ground.
-fn expectation(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
+fn expectation(scene: &Scene, of_views: &[Row], pairs: &Pairs, o: &Overlap) -> String {
     let (Some((west, south, east, north)), Some(recipe)) = (o.common_box, Recipe::named(Recipe::NAMES[0]))
     else {
         return String::new();
     };
-    let is_trained = |i: usize| rows[i].view.role == Role::Train;
-    let views = (0..rows.len()).filter(|i| is_trained(*i)).count();
+    let is_trained = |i: usize| of_views[i].view.role == Role::Train;
+    let views = (0..of_views.len()).filter(|i| is_trained(*i)).count();
     if views < 2 {
         return String::new();
     }
     let angles = pairs.0.iter().filter(|p| is_trained(p.0) && is_trained(p.1)).map(|p| p.2);
-    let mut gsd: Vec<f64> = rows.iter().filter_map(|r| r.gsd_m.map(|(c, r)| (c * r).sqrt())).collect();
+    let trained = of_views.iter().filter(|row| row.view.role == Role::Train);
+    let mut gsd: Vec<f64> = trained.filter_map(|r| r.gsd_m.map(|(c, r)| (c * r).sqrt())).collect();
     gsd.sort_by(f64::total_cmp);
     let Some(gsd_m) = gsd.get(gsd.len() / 2).copied() else { return String::new() };
     let imaging = Imaging { views, convergence_deg: best_convergence_deg(angles), gsd_m };
     let (low_m, high_m) = scene.heights().range();
     let cost_of = |area_m2: f64| imaging.run_size(&recipe, area_m2, high_m - low_m, DSM_CELL_M).cost();
-    let (core_m, [width, height]) = (PlanOptions::default().core_m, [east - west, north - south]);
-    let is_tiled = width.max(height) > core_m;
-    let cost = if is_tiled {
-        // Tiles are in memory one at a time.
-        let Cost { core_seconds, memory_mb } = cost_of(TILE_AND_MARGINS * core_m * core_m);
-        let tiles = (width / core_m).ceil() * (height / core_m).ceil();
-        Cost { core_seconds: core_seconds * tiles, memory_mb }
-    } else {
-        cost_of(width * height)
-    };
-    let tiles = if is_tiled { "; the area is cut into tiles, of which `satgs plan` tells more" } else { "" };
+    let [(columns, width), (rows, height)] = PlanOptions::default().cores([east - west, north - south]);
+    let tiles = columns * rows;
+    let of_each = if tiles > 1 { TILE_AND_MARGINS } else { 1.0 };
+    // Tiles are in memory one at a time.
+    let Cost { core_seconds, memory_mb } = cost_of(of_each * width * height);
+    let cost = Cost { core_seconds: core_seconds * tiles as f64, memory_mb };
+    let tiles = if tiles > 1 { "; the area is cut into tiles, of which `satgs plan` tells more" } else { "" };
     format!("{}{tiles}\n", imaging.text(cost, rayon::current_num_threads()))
 }
 

@@ -17,7 +17,7 @@ use crate::io::{WriteError, read_json, remove_if_there};
 use crate::progress::{Event, Progress};
 use crate::run_files::{
     ADJUSTMENT, CONFIDENCE, DSM, EVALUATION, HILLSHADE, MESHES, METRICS, NVS_PICTURES, NVS_SCORES, ORTHO,
-    PLAN, SPLATS, STAGE, SURFACE,
+    PLAN, SPLATS, STAGE, SURFACE, TRAIN_STAGE,
 };
 use std::path::{Path, PathBuf};
 
@@ -70,7 +70,7 @@ pub(super) fn after_move(run: &Path, progress: &dyn Progress) -> Result<(), Pipe
 pub(super) fn outdated(run: &Path) -> Result<Vec<String>, PipelineError> {
     let mut out = Vec::new();
     let adjustment = adjustment_fingerprint(run);
-    if let Some(train) = record(run, "train")?
+    if let Some(train) = record(run, TRAIN_STAGE)?
         && run.join(ADJUSTMENT).join(STAGE).exists()
         && differs(&train, &adjustment)
     {

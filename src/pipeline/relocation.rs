@@ -3,7 +3,7 @@
 //! The moved files are written into a folder beside the present ones, which is then renamed to `RUN/align.pending`. From
 //! then on the run counts as moved: whichever call comes next puts the files in their place first.
 
-use super::run_folder::colors::hash_of;
+use super::run_folder::colors::hash_of_splats;
 use super::run_folder::stage::Stage;
 use super::{PipelineError, RunLock, TrainedCameras, outdated};
 use crate::bundle::Adjustment;
@@ -97,7 +97,7 @@ fn write_moved_files(
         // The colour model names the splats that it belongs to by the hash of their file, which holds their place.
         if run.join(APPEARANCE).exists() {
             let mut appearance = TrainedAppearance::read(&run.join(APPEARANCE))?;
-            appearance.content.splats = hash_of(&to.join(SPLATS))?;
+            appearance.content.splats = hash_of_splats(&to.join(SPLATS))?;
             appearance.write(&to.join(APPEARANCE))?;
         }
     }

@@ -11,7 +11,7 @@ use super::surface_source::{KnownSurface, SurfaceIsKnown};
 use super::train_options::TrainOptions;
 use super::trained::{Trained, mean};
 use super::training::Training;
-use super::training_stage::{Iterated, Snapshot, TrainingStage};
+use super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use super::{
     PipelineError, RunLock, TrainedCameras, appearance, outdated, perspective, read_scene, relocation,
 };
@@ -30,8 +30,8 @@ use crate::splat::train::Schedule;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Trains an adjusted run, or that of a perspective scene, unless that was done with the same input and options; goes on from a checkpoint of the same
-/// input and options.
+/// Trains an adjusted run, or that of a perspective scene, unless that was done with the same input and options; goes on from
+/// a checkpoint of the same input and options.
 ///
 /// Writes `RUN/splats.ply`, `RUN/cameras.json` and `RUN/train`.
 ///
@@ -103,7 +103,7 @@ fn train_heights(
 ) -> Result<Outcome<Trained>, PipelineError> {
     let fingerprint = fingerprint(run, options, &recipe)?;
     let stage = TrainingStage::new(run, TRAIN_STAGE, &[SPLATS, CAMERAS], fingerprint, (options, progress));
-    if stage.is_done(options.overwrite)? {
+    if stage.is_done()? {
         progress.event(Event::Note(format!("`{}` is trained already", run.display())));
         return Ok(Outcome::Kept(stage.summary()?));
     }
@@ -127,16 +127,16 @@ fn train_heights(
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
     let first = training.first_surface()?;
     training.bound_altitudes(first.as_ref());
-    let mut iterated = match interrupted {
+    let mut so_far = match interrupted {
         Some(interrupted) => interrupted,
-        None => Iterated::start(training.state_at_start(&views, first.as_ref(), progress)?),
+        None => TrainingSoFar::start(training.state_at_start(&views, first.as_ref(), progress)?),
     };
     if options.no_splats {
         stage.write_log(&[])?;
     } else {
         if let Some(heights) = first.as_ref().filter(|_| is_new && !training.refines_surface()) {
-            let cameras = training.cameras(&iterated.state, &views, first.as_ref());
-            surface_is_known(KnownSurface { cameras, splats: &iterated.state.splats, heights })?;
+            let cameras = training.cameras(&so_far.state, &views, first.as_ref());
+            surface_is_known(KnownSurface { cameras, splats: &so_far.state.splats, heights })?;
         }
         let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
         let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
@@ -153,29 +153,29 @@ fn train_heights(
             views: views.len(),
             half_side_m: training.setup.half_side_m(),
             pixel_m: median_pixel_m(&views),
-            splats_at_start: iterated.splats_at_start,
+            splats_at_start: so_far.splats_at_start,
             is_gray: views.iter().all(|view| view.is_gray),
             seed: options.seed,
         };
         let snapshot: Snapshot<_> = &|backend, done| training.picture(backend, &views, done);
-        let model = SatelliteViews::new(scene, iterated.state.splats.primitive());
-        (_, iterated) = stage.train(model, &schedule, iterated, Some(snapshot))?;
+        let model = SatelliteViews::new(scene, &so_far.state);
+        (_, so_far) = stage.train(model, &schedule, so_far, Some(snapshot))?;
     }
-    let cameras = training.write(&iterated.state, &views, first.as_ref())?;
-    let trained = summary(&cameras, &iterated);
+    let cameras = training.write(&so_far.state, &views, first.as_ref())?;
+    let trained = summary(&cameras, &so_far);
     stage.complete(&trained)?;
     Ok(Outcome::Made(trained))
 }
 
-fn summary(cameras: &TrainedCameras, iterated: &Iterated) -> Trained {
+fn summary(cameras: &TrainedCameras, so_far: &TrainingSoFar) -> Trained {
     let fits = &cameras.setup.views;
     let views = cameras.appearances.len();
-    let of_images = |column| (!iterated.log.is_empty()).then(|| iterated.mean_of_last(views, column));
+    let of_images = |column| (!so_far.log.is_empty()).then(|| so_far.mean_of_last(views, column));
     Trained {
-        iterations: iterated.log.len() as u32,
-        seconds: iterated.seconds(),
-        splats_start: iterated.splats_at_start,
-        splats: iterated.state.splats.len(),
+        iterations: so_far.log.len() as u32,
+        seconds: so_far.seconds(),
+        splats_start: so_far.splats_at_start,
+        splats: so_far.state.splats.len(),
         camera_rms_px: Some(mean(fits.iter().map(|v| v.rms_px))),
         camera_max_px: Some(fits.iter().map(|v| v.max_px).fold(0.0, f64::max)),
         l1: of_images("l1"),
@@ -191,7 +191,7 @@ fn tell_expectation(training: &Training, progress: &dyn Progress) {
     if imaging.views < 2 {
         return;
     }
-    let ((west, south, east, north), (low, high)) = (setup.area, setup.searched);
+    let ((west, south, east, north), (low, high)) = (setup.area, setup.altitudes);
     let size = imaging.run_size(&training.recipe, (east - west) * (north - south), high - low, DSM_CELL_M);
     progress.event(Event::Note(imaging.text(size.cost(), rayon::current_num_threads())));
 }

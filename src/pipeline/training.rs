@@ -6,8 +6,7 @@ use crate::affine::{SiteScene, TrainingView};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
-use crate::io::RgbImage;
-use crate::io::write_json;
+use crate::io::{RgbImage, write_json};
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep, angle_warning};
 use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
@@ -62,7 +61,7 @@ impl<'a> Training<'a> {
         Ok(Self { run, options, recipe, setup, heights, sparse })
     }
 
-    /// Finds the surface by matching, if the recipe has one, and writes it. Nothing is left of a training before.
+    /// Finds the surface by matching, if the recipe has one, and writes it. That of a training before is removed.
     pub fn match_surface(
         &self,
         views: &[TrainingView],

@@ -13,7 +13,6 @@ use crate::splat::state::TrainingState;
 use crate::splat::train::checkpoint::Checkpoint;
 use crate::splat::train::{LogLine, Schedule, pictures, train};
 use std::borrow::Cow;
-use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 /// A stage that trains.
@@ -24,17 +23,17 @@ pub struct TrainingStage<'a> {
     progress: &'a dyn Progress,
 }
 
-/// A training between two iterations.
-pub struct Iterated {
+/// A training so far: before its first iteration, after an interruption, or at its end.
+pub struct TrainingSoFar {
     /// Number of splats before the first iteration.
     pub splats_at_start: usize,
-    /// The log of all iterations.
+    /// The log of the iterations that are done.
     pub log: Vec<LogLine>,
-    /// The state after the last one.
+    /// The state after the last of them.
     pub state: TrainingState,
 }
 
-impl Iterated {
+impl TrainingSoFar {
     /// A training before its first iteration.
     pub fn start(state: TrainingState) -> Self {
         Self { splats_at_start: state.splats.len(), log: Vec::new(), state }
@@ -51,14 +50,6 @@ impl Iterated {
     }
 }
 
-impl Deref for TrainingStage<'_> {
-    type Target = Stage;
-
-    fn deref(&self) -> &Stage {
-        &self.stage
-    }
-}
-
 impl<'a> TrainingStage<'a> {
     /// The stage of `run` called `name` that trains `outputs` from `fingerprint`.
     pub fn new(
@@ -72,11 +63,26 @@ impl<'a> TrainingStage<'a> {
         Self { stage: Stage::new(run, name, outputs, fingerprint), folder: run.join(name), options, progress }
     }
 
+    /// [`Stage::is_done`].
+    pub fn is_done(&self) -> Result<bool, PipelineError> {
+        self.stage.is_done(self.options.overwrite)
+    }
+
+    /// [`Stage::summary`].
+    pub fn summary<S: serde::de::DeserializeOwned>(&self) -> Result<Option<S>, PipelineError> {
+        self.stage.summary()
+    }
+
+    /// [`Stage::require_writable`].
+    pub fn require_writable(&self) -> Result<(), PipelineError> {
+        self.stage.require_writable()
+    }
+
     /// The training to go on with: of the same input and options, and with so many colour models.
     ///
     /// A checkpoint of others is an error that names them, unless the options say to overwrite it. A damaged one is passed over
     /// with a warning; where `--resume` requires one it is an error, as is none.
-    pub fn resume(&self, appearances: usize) -> Result<Option<Iterated>, PipelineError> {
+    pub fn resume(&self, appearances: usize) -> Result<Option<TrainingSoFar>, PipelineError> {
         let (path, is_required) = (self.checkpoint(), self.options.resume);
         if !path.exists() {
             return if is_required { Err(PipelineError::NoCheckpoint { path }) } else { Ok(None) };
@@ -98,7 +104,7 @@ impl<'a> TrainingStage<'a> {
         self.progress
             .event(Event::Note(format!("going on from `{}` after {done} iterations", path.display())));
         let Checkpoint { splats_at_start, log, state, .. } = checkpoint;
-        Ok(Some(Iterated { splats_at_start, log: log.into_owned(), state: state.into_owned() }))
+        Ok(Some(TrainingSoFar { splats_at_start, log: log.into_owned(), state: state.into_owned() }))
     }
 
     /// Removes the pictures of a training before.
@@ -115,10 +121,10 @@ impl<'a> TrainingStage<'a> {
         &self,
         views: M,
         schedule: &Schedule,
-        iterated: Iterated,
+        so_far: TrainingSoFar,
         snapshot: Option<Snapshot<M>>,
-    ) -> Result<(M, Iterated), PipelineError> {
-        let Iterated { splats_at_start, mut log, state } = iterated;
+    ) -> Result<(M, TrainingSoFar), PipelineError> {
+        let TrainingSoFar { splats_at_start, mut log, state } = so_far;
         let mut backend = CpuBackend::new(views, state)?;
         let is_picture_due = |done: u32| {
             let all = schedule.recipe.iterations;
@@ -149,7 +155,7 @@ impl<'a> TrainingStage<'a> {
         tracing::info!("{}", backend.times().table());
         self.write_log(&log)?;
         let (views, state) = backend.into_parts();
-        Ok((views, Iterated { splats_at_start, log, state }))
+        Ok((views, TrainingSoFar { splats_at_start, log, state }))
     }
 
     /// Writes a line for each iteration, and the curves.

@@ -10,7 +10,7 @@ use crate::io::{HeightSystem, ImageFile, VerticalReference, escape_xml};
 use crate::mvs::PlaneSweep;
 use crate::run_files::{
     ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, EVALUATION, METRICS, NVS_SCORES, ORTHO, PREDICT_STAGE,
-    SCENE, STAGE,
+    SCENE, STAGE, TRAIN_STAGE,
 };
 use crate::scene::{Role, Scene, angle_between_deg};
 use crate::splat::recipe::Recipe;
@@ -24,8 +24,7 @@ const COMPLETE: f64 = 0.99;
 /// Share of the cells with a height below which few of them are confirmed.
 const FEW_CONFIRMED: f64 = 0.5;
 /// Stages whose record holds the command, from the last one.
-const STAGES: [&str; 4] = ["dsm", TRAINING_STAGE, ADJUSTMENT, PREDICT_STAGE];
-const TRAINING_STAGE: &str = "train";
+const STAGES: [&str; 4] = ["dsm", TRAIN_STAGE, ADJUSTMENT, PREDICT_STAGE];
 
 /// A figure: its name, its value, and what it means.
 type Fact = (&'static str, String, String);
@@ -45,7 +44,7 @@ pub fn result(run: &Path) -> Result<String, ReportError> {
 
     let mut facts: Vec<Fact> = Vec::new();
     let scored = scores.as_ref().and_then(score_fact);
-    let training = read_if_present::<Value>(&run.join(TRAINING_STAGE).join(STAGE))?;
+    let training = read_if_present::<Value>(&run.join(TRAIN_STAGE).join(STAGE))?;
     let expected = || expected_fact(scene.as_ref()?, &training?["made_from"]);
     facts.extend(scored.or_else(expected));
     facts.extend(counts.as_ref().map(surface_fact));

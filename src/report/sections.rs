@@ -22,7 +22,7 @@ const THUMBNAIL: usize = 240;
 /// Largest number of points of a curve; more are averaged in groups.
 const CURVE_POINTS: usize = 240;
 /// Stages that write a record of their command and inputs.
-const STAGES: [&str; 3] = [ADJUSTMENT, "train", "dsm"];
+const STAGES: [&str; 3] = [ADJUSTMENT, TRAIN_STAGE, "dsm"];
 
 /// The views: thumbnails, table of angles, sky plot.
 pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {

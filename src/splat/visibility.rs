@@ -106,7 +106,8 @@ impl VisibilityError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Feature(e) => e.kind(),
-            _ => ErrorKind::Input,
+            Self::Uncertainty(UncertaintyError::Channels { .. }) => ErrorKind::Input,
+            Self::Uncertainty(_) => ErrorKind::Failed,
         }
     }
 }

@@ -10,6 +10,10 @@ use crate::splat::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
+/// Cores for which times are predicted.
+const CORES: f64 = 2.0;
+/// Bytes in a megabyte.
+const MEGABYTE: f64 = 1e6;
 /// Version of the layout of `tiles.json`.
 pub(super) const SCHEMA: u32 = 2;
 
@@ -166,9 +170,14 @@ pub struct TileCost {
 
 impl TileCost {
     /// The cost of a tile for which so many bytes of the images are read.
+    #[must_use]
     pub fn new(cost: Cost, read_bytes: u64) -> Self {
         let Cost { core_seconds, memory_mb } = cost;
-        Self { seconds_2core: (core_seconds / 2.0).ceil(), memory_mb, read_mb: read_bytes as f64 / 1e6 }
+        Self {
+            seconds_2core: (core_seconds / CORES).ceil(),
+            memory_mb,
+            read_mb: read_bytes as f64 / MEGABYTE,
+        }
     }
 }
 

@@ -14,7 +14,7 @@ use crate::frame::{Point, SiteGrid, Utm, wrap_longitude_deg};
 use crate::io::{ImageFile, MapGrid, Window, write_file, write_json};
 use crate::pipeline::{Outcome, PipelineError, RunLock, Stage, hash, read_scene};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, DSM, PLAN, STAGE, TILES};
+use crate::run_files::{ADJUSTMENT, DSM, PLAN, STAGE, TILES, TRAIN_STAGE};
 use crate::scene::{Aoi, ReadCost, Role, Scene, View, angle_between_deg, require_tiled_images};
 use crate::splat::recipe::Recipe;
 use crate::stats::bounds;
@@ -35,8 +35,6 @@ const MAX_VIEWS: usize = 30;
 /// Largest distance of an area from the central meridian of its UTM zone, degrees of longitude: half as far again as the
 /// zone reaches. Lengths on the map are at most 0.3 % too large there, at the equator.
 const FARTHEST_DEG: f64 = 4.5;
-/// Folder of the training of an area as a whole.
-const WHOLE_TRAINING: &str = "train";
 
 /// Whether an adjusted run is larger than one tile, in metres or in memory.
 ///
@@ -54,6 +52,15 @@ pub fn needs_tiles(run: &Path, options: &PlanOptions) -> Result<bool, TilesError
     let whole = CoreSize::uncut(side + options.resolution_m);
     let (plan, _) = planner.plan(whole, &planner.candidates()?)?;
     Ok(plan.total.memory_mb > limit)
+}
+
+impl PlanOptions {
+    /// Number and length in metres of the cores along each side of an area, where memory does not ask for smaller ones.
+    #[must_use]
+    pub fn cores(&self, sides_m: [f64; 2]) -> [(usize, f64); 2] {
+        let size = CoreSize::of(self);
+        sides_m.map(|side| cut(side, size, CORE_PER_OVERLAP * self.overlap_m, self.resolution_m))
+    }
 }
 
 /// Plans the tiles of an adjusted run, unless that was done with the same input and options. Writes `RUN/tiles.json`.
@@ -82,7 +89,7 @@ pub(super) fn plan_locked(
         progress.event(Event::Note(format!("`{}` has its plan already", run.display())));
         return Ok(Outcome::Kept(Some(Plan::read(run)?)));
     }
-    if !run.join(PLAN).exists() && run.join(WHOLE_TRAINING).join(STAGE).exists() {
+    if !run.join(PLAN).exists() && run.join(TRAIN_STAGE).join(STAGE).exists() {
         return Err(TilesError::WholeRun { run: run.into() });
     }
     stage.require_writable()?;
@@ -147,6 +154,11 @@ struct CoreSize {
 }
 
 impl CoreSize {
+    /// The largest of these options.
+    fn of(options: &PlanOptions) -> Self {
+        Self { cut_m: options.core_m, uncut_m: UNCUT_CORES * options.core_m }
+    }
+
     /// Of an area that is not cut.
     fn uncut(side_m: f64) -> Self {
         Self { cut_m: side_m, uncut_m: side_m }
@@ -217,8 +229,7 @@ impl<'a> Planner<'a> {
     /// The plan with the largest cores whose memory is below the limit, and notes about it.
     fn within_memory(&self) -> Result<(Plan, Vec<String>), TilesError> {
         let candidates = self.candidates()?;
-        let core_m = self.options.core_m;
-        let mut size = CoreSize { cut_m: core_m, uncut_m: UNCUT_CORES * core_m };
+        let mut size = CoreSize::of(self.options);
         loop {
             let (plan, notes) = self.plan(size, &candidates)?;
             let limit = self.options.max_memory_mb.unwrap_or(f64::INFINITY);

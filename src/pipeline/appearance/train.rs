@@ -1,9 +1,9 @@
 //! The second training of a run, of colours for novel views.
 
-use super::super::run_folder::colors::hash_of;
+use super::super::run_folder::colors::hash_of_splats;
 use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
 use super::super::trained::TrainedColors;
-use super::super::training_stage::{Iterated, TrainingStage};
+use super::super::training_stage::{TrainingSoFar, TrainingStage};
 use super::super::{PipelineError, TrainOptions, TrainedCameras};
 use crate::affine::{SiteScene, median_pixel_m};
 use crate::io::write_json;
@@ -67,7 +67,7 @@ pub fn train_locked(
     let options = &TrainOptions { resume: false, ..options.clone() };
     let outputs = [APPEARANCE, SPLATS];
     let stage = TrainingStage::new(run, APPEARANCE_STAGE, &outputs, fingerprint, (options, progress));
-    if stage.is_done(options.overwrite)? {
+    if stage.is_done()? {
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
@@ -75,11 +75,11 @@ pub fn train_locked(
     // Colours are trained as the images show them.
     let setup = SiteScene { transfer_function: TransferFunction::default(), ..cameras.setup.clone() };
     let views = Arc::new(setup.training_views(scene)?);
-    let iterated = match stage.resume(views.len())? {
+    let so_far = match stage.resume(views.len())? {
         Some(interrupted) => interrupted,
         None => {
             let splats = ply::read(&run.join(HEIGHT_SPLATS))?;
-            Iterated::start(TrainingState::start(splats, recipe.appearance, views.len(), options.seed))
+            TrainingSoFar::start(TrainingState::start(splats, recipe.appearance, views.len(), options.seed))
         }
     };
     let schedule = Schedule {
@@ -87,7 +87,7 @@ pub fn train_locked(
         views: views.len(),
         half_side_m: setup.half_side_m(),
         pixel_m: median_pixel_m(&views),
-        splats_at_start: iterated.splats_at_start,
+        splats_at_start: so_far.splats_at_start,
         is_gray: views.iter().all(|view| view.is_gray),
         seed: options.seed,
     };
@@ -100,17 +100,18 @@ pub fn train_locked(
         progress.event(Event::Note(text.into()));
     }
     let inputs = TermInputs { prior: None, lpips };
-    let scene_of = SatelliteScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility };
-    let model = SatelliteViews::new(scene_of, iterated.state.splats.primitive());
-    let (model, iterated) = stage.train(model, &schedule, iterated, None)?;
+    let satellite_scene =
+        SatelliteScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility };
+    let model = SatelliteViews::new(satellite_scene, &so_far.state);
+    let (model, so_far) = stage.train(model, &schedule, so_far, None)?;
     let trained = TrainedColors {
         iterations: recipe.iterations,
-        seconds: iterated.seconds(),
-        splats: iterated.state.splats.len(),
-        l1: iterated.mean_of_last(views.len(), "l1"),
-        ssim: iterated.mean_of_last(views.len(), "ssim"),
+        seconds: so_far.seconds(),
+        splats: so_far.state.splats.len(),
+        l1: so_far.mean_of_last(views.len(), "l1"),
+        ssim: so_far.mean_of_last(views.len(), "ssim"),
     };
-    let state = &iterated.state;
+    let state = &so_far.state;
     let visibility =
         (0..views.len()).map(|view| model.visibility(state, view)).collect::<Result<Vec<_>, _>>()?;
     write(run, &setup, scene, visibility, (cube, recipe), state)?;
@@ -148,8 +149,13 @@ fn write(
     let baked = made.splats.colored(&colors);
     let path = run.join(SPLATS);
     ply::write(&path, &baked, &setup.site)?;
-    let content =
-        AppearanceContent { networks: Networks::default(), cube, views, reference, splats: hash_of(&path)? };
+    let content = AppearanceContent {
+        networks: Networks::default(),
+        cube,
+        views,
+        reference,
+        splats: hash_of_splats(&path)?,
+    };
     let (shared, colors) = (made.shared.values.clone(), made.splats.f_dc.clone());
     let visibility = visibility.into_iter().map(|v| v.map(|v| v.patches)).collect();
     let trained = TrainedAppearance { content, shared, embeddings, colors, visibility };

@@ -11,7 +11,7 @@ use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
 use super::super::run_folder::tell_of_scene::check_poses;
 use super::super::train_options::TrainOptions;
 use super::super::trained::Trained;
-use super::super::training_stage::{Iterated, Snapshot, TrainingStage};
+use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use super::prior_pictures;
 use super::priors::{matched_scene, prior_sources, priors, starts_from_matches};
 use super::start::splats_at_start;
@@ -55,7 +55,7 @@ pub fn train_scene(
     let frame = WorkingFrame::of(scene)?;
     let fingerprint = fingerprint(run, scene, &frame, options, &recipe)?;
     let stage = TrainingStage::new(run, TRAIN_STAGE, &[SPLATS, CAMERAS], fingerprint, (options, progress));
-    let is_done = stage.is_done(options.overwrite)?;
+    let is_done = stage.is_done()?;
     let interrupted = if is_done { None } else { stage.resume(0)? };
     manifest.write(run)?;
     if is_done {
@@ -76,7 +76,7 @@ pub fn train_scene(
     let views = views.into_iter().zip(priors);
     let views: Vec<PinholeView> = views.map(|(view, priors)| view.with_priors(priors)).collect();
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
-    let iterated = match interrupted {
+    let so_far = match interrupted {
         Some(interrupted) => interrupted,
         None => {
             stage.remove_snapshots();
@@ -86,7 +86,7 @@ pub fn train_scene(
             let predicted = read_predicted(run, &perspective_fingerprint(scene)?, site)?;
             let predicted = predicted.map(|(splats, _)| frame.enter_splats(splats));
             let start = splats_at_start(&working, predicted, &views, &recipe, options, run, progress)?;
-            Iterated::start(TrainingState::start(start, AppearanceKind::default(), 0, options.seed))
+            TrainingSoFar::start(TrainingState::start(start, AppearanceKind::default(), 0, options.seed))
         }
     };
     let schedule = Schedule {
@@ -94,17 +94,17 @@ pub fn train_scene(
         views: views.len(),
         half_side_m: extent_m(&cameras),
         pixel_m: 0.0,
-        splats_at_start: iterated.splats_at_start,
+        splats_at_start: so_far.splats_at_start,
         is_gray: false,
         seed: options.seed,
     };
     let views = Arc::new(views);
-    let model = PinholeViews::new(views.clone(), iterated.state.splats.primitive());
+    let model = PinholeViews::new(views.clone(), &so_far.state);
     let snapshot: Snapshot<_> =
         &|backend, _| Ok(comparison(&views[0], &backend.render(&views[0].camera, 0)?));
-    let (_, iterated) = stage.train(model, &schedule, iterated, Some(snapshot))?;
+    let (_, so_far) = stage.train(model, &schedule, so_far, Some(snapshot))?;
 
-    let splats = &iterated.state.splats;
+    let splats = &so_far.state.splats;
     if let Err(e) = prior_pictures::write_pictures(&run.join(PRIOR_PICTURES), &views, splats) {
         progress.event(Event::Warning(e.to_string()));
     }
@@ -112,13 +112,13 @@ pub fn train_scene(
     let cameras = write_trained(run, scene, &frame, &splats, recipe)?;
     let trained = Trained {
         iterations: cameras.recipe.iterations,
-        seconds: iterated.seconds(),
-        splats_start: iterated.splats_at_start,
+        seconds: so_far.seconds(),
+        splats_start: so_far.splats_at_start,
         splats: splats.len(),
         camera_rms_px: None,
         camera_max_px: None,
-        l1: Some(iterated.mean_of_last(views.len(), "l1")),
-        ssim: Some(iterated.mean_of_last(views.len(), "ssim")),
+        l1: Some(so_far.mean_of_last(views.len(), "l1")),
+        ssim: Some(so_far.mean_of_last(views.len(), "ssim")),
         colors: None,
     };
     stage.complete(&trained)?;

@@ -16,6 +16,7 @@ use crate::predict::{CleanUp, ImageNetwork, Model, Predictor};
 use crate::progress::{Event, Progress};
 use crate::run_files::{
     ADJUSTMENT, APPEARANCE, APPEARANCE_STAGE, CAMERAS, LOCK, PREDICT_STAGE, PREDICTED, SCENE, SPLATS,
+    TRAIN_STAGE,
 };
 pub use points::ENDINGS;
 pub(super) use points::of_surface;
@@ -132,7 +133,7 @@ impl<'a> Output<'a> {
         }
         self.stage.forget()?;
         relocation::forget(self.folder)?;
-        for name in ["train", APPEARANCE_STAGE, ADJUSTMENT] {
+        for name in [TRAIN_STAGE, APPEARANCE_STAGE, ADJUSTMENT] {
             let path = self.folder.join(name);
             let removed = std::fs::remove_dir_all(&path);
             removed

@@ -34,7 +34,8 @@ impl SceneColors {
         }
         let appearance = TrainedAppearance::read(&path)?;
         let mut splats = ply::read(&of_splats)?;
-        if appearance.content.splats != hash_of(&of_splats)? || appearance.colors.len() != splats.len() {
+        if appearance.content.splats != hash_of_splats(&of_splats)? || appearance.colors.len() != splats.len()
+        {
             return Err(AppearanceError::OtherSplats { path, splats: of_splats }.into());
         }
         splats.f_dc.clone_from(&appearance.colors);
@@ -100,7 +101,7 @@ impl SceneColors {
 }
 
 /// The hash of a file of splats.
-pub fn hash_of(splats: &Path) -> Result<String, PipelineError> {
+pub fn hash_of_splats(splats: &Path) -> Result<String, PipelineError> {
     let failed = |e: std::io::Error| AppearanceError::Io { path: splats.into(), reason: e.to_string() };
     let mut hasher = blake3::Hasher::new();
     let mut file = std::fs::File::open(splats).map_err(failed)?;

@@ -100,7 +100,7 @@ impl PerspectiveManifest {
     }
 
     /// Writes it into a run.
-    pub fn write(&self, run: &Path) -> Result<(), PipelineError> {
+    pub(crate) fn write(&self, run: &Path) -> Result<(), PipelineError> {
         Ok(write_json(&run.join(SCENE), self)?)
     }
 

@@ -2,7 +2,7 @@
 
 use super::super::PipelineError;
 use crate::io::{ReadError, check_writable, read_json, remove_if_there, vsi, write_json};
-use crate::run_files::{ADJUSTMENT, APPEARANCE_STAGE, PREDICT_STAGE, STAGE, SUMMARY, TILES};
+use crate::run_files::{ADJUSTMENT, APPEARANCE_STAGE, PREDICT_STAGE, STAGE, SUMMARY, TILES, TRAIN_STAGE};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -110,7 +110,7 @@ impl Stage {
     fn made_by(&self) -> &'static str {
         match self.name {
             ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it anew",
-            "train" | APPEARANCE_STAGE => "`satgs train RUN --overwrite` makes it anew",
+            TRAIN_STAGE | APPEARANCE_STAGE => "`satgs train RUN --overwrite` makes it anew",
             PREDICT_STAGE => "`satgs predict RUN -o RUN2 --overwrite` makes it anew",
             TILES => "`satgs plan SCENE -o RUN --overwrite` makes it anew",
             _ => "`satgs dsm RUN --overwrite` makes it anew",

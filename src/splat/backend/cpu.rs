@@ -17,11 +17,11 @@ impl<M: ViewModel> CpuBackend<M> {
     /// A training of these views that starts from this state.
     ///
     /// # Errors
-    /// [`BackendError::OtherScene`] if the state has another number of colour models than the views.
+    /// [`BackendError::OtherAppearances`] if the state has another number of colour models than the views.
     pub fn new(model: M, state: TrainingState) -> Result<Self, BackendError> {
         let (found, expected) = (state.appearances.len(), model.appearances());
         if found != expected {
-            return Err(BackendError::OtherScene { found, expected });
+            return Err(BackendError::OtherAppearances { found, expected });
         }
         Ok(Self { model, state, reports: Vec::new(), watch: Stopwatch::default() })
     }

@@ -110,12 +110,12 @@ pub enum BackendError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Visibility(#[from] VisibilityError),
-    /// The state has another number of views than the scene.
-    #[error("the training state has {found} views, but the scene has {expected}")]
-    OtherScene {
-        /// Number of views of the state.
+    /// The state has another number of colour models than the views need.
+    #[error("the training state has {found} colour models, but the views need {expected}")]
+    OtherAppearances {
+        /// Number of colour models of the state.
         found: usize,
-        /// Number of views of the scene.
+        /// Number that the views need.
         expected: usize,
     },
     /// A plan names a view that the scene does not have.
@@ -134,7 +134,7 @@ impl BackendError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Visibility(e) => e.kind(),
-            Self::OtherScene { .. } | Self::NoView { .. } => ErrorKind::Failed,
+            Self::OtherAppearances { .. } | Self::NoView { .. } => ErrorKind::Failed,
         }
     }
 }

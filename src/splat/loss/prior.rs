@@ -25,6 +25,7 @@ impl Prior {
     #[must_use]
     pub fn new(surface: &MatchedSurface) -> Self {
         let MatchedSurface { site, grid, altitude, prior_weight, .. } = surface;
+        debug_assert_eq!([altitude.data.len(), prior_weight.data.len()], [grid.width * grid.height; 2]);
         let cells = altitude.data.iter().zip(&prior_weight.data).map(|(z, weight)| [*z, *weight]).collect();
         let (origin, corner) = ([site.origin.x(), site.origin.y()], [grid.west, grid.north]);
         Self { origin, corner, cell_m: grid.cell, width: grid.width, height: grid.height, cells }
@@ -36,6 +37,7 @@ impl Prior {
     pub fn distances<T: Real, const N: usize>(&self, positions: &[[T; 3]; N]) -> ([T; N], [T; N]) {
         // Three loops: the first and the last are computed in registers, and the second waits for memory only.
         let mut places = [[0.0; 2]; N];
+        // The sums are in the order of `SiteGrid::utm_from_site` and `MapGrid::corner_px_from_utm`, so that the cells are the same.
         for (place, [x, y, _]) in places.iter_mut().zip(positions) {
             let col = (self.origin[0] + x.as_f64() - self.corner[0]) / self.cell_m;
             let row = (self.corner[1] - (self.origin[1] + y.as_f64())) / self.cell_m;

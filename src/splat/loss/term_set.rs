@@ -138,12 +138,13 @@ impl<T: SimdReal> TermSet<T> {
     }
 }
 
-/// Derivatives by one image, to be added up: a slice of those that there are.
+/// Derivatives by one image, to be added up.
 pub struct Parts<'a, T> {
     parts: [Option<Scaled<'a, T>>; TERMS.len() + 1],
     count: usize,
 }
 
+/// As a slice it holds only those that there are, because kernels go through it in every vector of pixels.
 impl<'a, T> Deref for Parts<'a, T> {
     type Target = [Option<Scaled<'a, T>>];
 

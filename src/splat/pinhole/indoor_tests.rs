@@ -61,7 +61,7 @@ fn trained(recipe: &Recipe, threads: usize) -> (TrainingState, Vec<LogLine>) {
     let view =
         |camera: PinholeCamera| PinholeView::new("v".into(), camera, &gray).with_priors(priors(&camera));
     let state = TrainingState::start(discs(), Default::default(), 0, 0);
-    let views = PinholeViews::new(cameras.map(view).to_vec().into(), state.splats.primitive());
+    let views = PinholeViews::new(cameras.map(view).to_vec().into(), &state);
     let mut backend = CpuBackend::new(views, state).unwrap();
     let schedule = Schedule {
         recipe,

@@ -1,17 +1,16 @@
 //! The training views of a perspective scene.
 
-use super::super::backend::{BackendError, StepPlan, ViewModel};
-use super::super::loss::{Losses, TermInputs, terms};
-use super::super::primitive::PrimitiveKind;
-use super::super::raster::Image;
-use super::super::seen_gradient::SeenGradient;
-use super::super::state::TrainingState;
-use super::super::stopwatch::Stopwatch;
 use super::objective::{AnyPinholeObjective, PinholeStep, objective};
 use super::picture::PinholePicture;
 use super::view::PinholeView;
 use super::working_frame::NEAREST;
 use crate::perspective::PinholeCamera;
+use crate::splat::backend::{BackendError, StepPlan, ViewModel};
+use crate::splat::loss::{Losses, TermInputs, terms};
+use crate::splat::raster::Image;
+use crate::splat::seen_gradient::SeenGradient;
+use crate::splat::state::TrainingState;
+use crate::splat::stopwatch::Stopwatch;
 use std::sync::Arc;
 
 /// The views of a perspective scene with the buffers of their iterations.
@@ -24,12 +23,12 @@ pub struct PinholeViews {
 }
 
 impl PinholeViews {
-    /// Views in the [`WorkingFrame`](super::WorkingFrame), for splats of this kind.
+    /// Views in the [`WorkingFrame`](super::WorkingFrame), whose training starts from a state, whose kind of splats stays.
     #[must_use]
-    pub fn new(views: Arc<Vec<PinholeView>>, primitive: PrimitiveKind) -> Self {
+    pub fn new(views: Arc<Vec<PinholeView>>, start: &TrainingState) -> Self {
         Self {
             views,
-            objective: objective(primitive, terms(TermInputs::default())),
+            objective: objective(start.splats.primitive(), terms(TermInputs::default())),
             gradient: SeenGradient::default(),
             target: Image::default(),
             valid: Vec::new(),

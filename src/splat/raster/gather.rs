@@ -9,13 +9,6 @@ use super::sorted::SortedSplats;
 use super::splat_block::SplatGradient;
 use crate::camera::CameraKernel;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal};
-use rayon::prelude::*;
-
-/// Sets the vector to `n` zeros, in parallel.
-pub fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
-    values.resize(n, V::default());
-    values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
-}
 
 /// The gradient of one chunk: sums the gradient slots of each splat over the bands, in a fixed order, and adds the derivatives
 /// that follow from them to `gradients` and `by_feature`, both of the chunk's ranks.

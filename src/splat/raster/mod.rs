@@ -34,7 +34,6 @@ mod disc_tests;
 mod tests;
 
 pub use constants::{ALPHA_CUT, ALPHA_MAX, LOW_PASS_PX2, MIN_TRANSMITTANCE};
-pub use gather::zeros;
 pub use image::{Image, channel, disc_plane};
 pub(in crate::splat) use image::{STRIPES, stripe_rows};
 pub use primitive::{Disc, DiscWithMoments, Ellipsoid, Primitive};

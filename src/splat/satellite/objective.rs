@@ -14,7 +14,7 @@ use crate::splat::appearance::{
 use crate::splat::loss::{LossWeights, Losses, Rendered, TermSet};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::{
-    FrameCamera, Image, Renderer, Scaled, SortedSplats, SplatGradient, channel, renderer, zeros,
+    FrameCamera, Image, Renderer, Scaled, SortedSplats, SplatGradient, channel, renderer,
 };
 use crate::splat::shadow::ShadowModel;
 use crate::splat::sheared_camera::{ShearedCamera, SunView};
@@ -343,6 +343,12 @@ impl<T: SimdReal> SatelliteObjective<T> {
         terms.add_by_splats(splats, &mut gradient.splats);
         watch.lap("splats", "parameters backward");
     }
+}
+
+/// Sets the vector to `n` zeros, in parallel.
+fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
+    values.resize(n, V::default());
+    values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
 }
 
 /// The sun as the splats see it; none without shadows.

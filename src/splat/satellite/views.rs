@@ -9,7 +9,6 @@ use crate::splat::appearance::{AppearanceKind, ModelParameters};
 use crate::splat::backend::{BackendError, StepPlan, ViewModel};
 use crate::splat::loss::target::TargetImage;
 use crate::splat::loss::{Losses, TermInputs, terms};
-use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::FrameCamera;
 use crate::splat::sheared_camera::{ShearedCamera, SunView};
 use crate::splat::state::TrainingState;
@@ -42,11 +41,11 @@ pub struct SatelliteViews {
 }
 
 impl SatelliteViews {
-    /// The views of a scene whose splats are of this kind.
+    /// The views of a scene whose training starts from a state, whose kind of splats stays.
     #[must_use]
-    pub fn new(mut scene: SatelliteScene, primitive: PrimitiveKind) -> Self {
-        let terms = terms(std::mem::take(&mut scene.inputs));
-        let objective = SatelliteObjective::new(primitive, scene.appearance.model(scene.cube), terms);
+    pub fn new(mut scene: SatelliteScene, start: &TrainingState) -> Self {
+        let (terms, model) = (terms(std::mem::take(&mut scene.inputs)), scene.appearance.model(scene.cube));
+        let objective = SatelliteObjective::new(start.splats.primitive(), model, terms);
         Self { scene, objective, gradient: Gradient::default(), target: TargetImage::default() }
     }
 
@@ -214,7 +213,7 @@ mod tests {
         let inputs = TermInputs::default();
         let scene =
             SatelliteScene { views: views.into(), altitudes, inputs, appearance, cube, visibility: None };
-        CpuBackend::new(SatelliteViews::new(scene, state.splats.primitive()), state).unwrap()
+        CpuBackend::new(SatelliteViews::new(scene, &state), state).unwrap()
     }
 
     /// Splats all over the views, one in seven anchored to the one before it.
