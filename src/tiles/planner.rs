@@ -639,6 +639,14 @@ mod tests {
     }
 
     #[test]
+    fn the_cores_of_an_area_are_those_of_its_plan() {
+        let cores = |sides_m: [f64; 2]| PlanOptions::default().cores(sides_m);
+        assert_eq!(cores([600.0, 600.0]), [(1, 600.0), (1, 600.0)]);
+        assert_eq!(cores([1000.0, 1000.0]), [(2, 500.0), (2, 500.0)]);
+        assert_eq!(cores([3000.0, 100.0]), [(6, 500.0), (1, 100.0)]);
+    }
+
+    #[test]
     fn neighbours_are_the_eight_places_around() {
         assert_eq!(neighbours("x001_y001").count(), 8);
         let corner: Vec<String> = neighbours("x000_y000").collect();
