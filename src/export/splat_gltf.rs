@@ -139,15 +139,7 @@ pub fn decode(bytes: &[u8]) -> Result<(Splats, Option<SiteGrid>), String> {
     } else {
         file.splats()?
     };
-    let node = &document["nodes"][0];
-    for moved in ["matrix", "rotation", "scale"] {
-        if !node[moved].is_null() {
-            return Err(format!("its node has a `{moved}`, expected at most a translation"));
-        }
-    }
-    if !node["translation"].is_null() {
-        let by: [f64; 3] = serde_json::from_value(node["translation"].clone())
-            .map_err(|_| "the translation of its node is not three numbers")?;
+    if let Some(by) = translation(&document)? {
         for position in &mut splats.position {
             *position = std::array::from_fn(|k| (f64::from(position[k]) + by[k]) as f32);
         }
@@ -162,6 +154,24 @@ pub fn decode(bytes: &[u8]) -> Result<(Splats, Option<SiteGrid>), String> {
         })
     };
     Ok((splats, site()))
+}
+
+/// Where the only node of a file is moved to; none if no node is moved.
+fn translation(document: &Value) -> Result<Option<[f64; 3]>, String> {
+    let nodes = document["nodes"].as_array().map_or(&[][..], Vec::as_slice);
+    for moved in ["matrix", "rotation", "scale"] {
+        if nodes.iter().any(|node| !node[moved].is_null()) {
+            return Err(format!("a node has a `{moved}`, expected at most a translation"));
+        }
+    }
+    let Some(by) = nodes.iter().map(|node| &node["translation"]).find(|by| !by.is_null()) else {
+        return Ok(None);
+    };
+    if nodes.len() > 1 {
+        return Err("one of several nodes has a translation, expected a single node".into());
+    }
+    let read = serde_json::from_value(by.clone());
+    read.map(Some).map_err(|_| "the translation of its node is not three numbers".into())
 }
 
 /// The parts of a file that is read.

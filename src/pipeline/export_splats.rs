@@ -85,6 +85,9 @@ pub fn export_splats(
     }
     check_writable(file)?;
     let (splats, site) = read_shown(run)?;
+    if splats.is_empty() {
+        return Err(ExportError::NoSplats { run: run.into() }.into());
+    }
     let georeference = file.with_extension("georef.json");
     let place = site.as_ref().map(|site| {
         let mut place = crate::io::georeference(site);

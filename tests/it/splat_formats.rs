@@ -22,7 +22,8 @@ fn psnr(cameras: &TrainedCameras, expected: &Splats, found: &Splats) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for view in &cameras.setup.views {
         let view = NovelView { sun_shear: None, ..NovelView::from(view) };
-        let picture = |splats| view.picture(splats, &Appearance::default(), cameras.setup.altitudes).colors;
+        let picture =
+            |splats: &Splats| view.picture(splats, &Appearance::default(), cameras.setup.altitudes).colors;
         for (a, b) in picture(expected).iter().zip(&picture(found)) {
             sum += a.data.iter().zip(&b.data).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
             count += a.data.len();
@@ -38,17 +39,17 @@ fn splats_of_every_format_look_like_those_of_the_run() {
     let cameras = TrainedCameras::read(run).unwrap();
     let own = cameras.read_shown_splats(run).unwrap();
     for (option, name, more) in [
-        ("--ply", "a.ply", &[][..]),
-        ("--ply", "b.ply", &["--variant", "y-down"]),
-        ("--compressed-ply", "c.compressed.ply", &[]),
-        ("--compressed-ply", "d.compressed.ply", &["--variant", "y-down"]),
-        ("--spz", "e.spz", &[]),
-        ("--gltf", "f.glb", &[]),
-        ("--gltf", "g.glb", &["--compress", "--copyright", "us"]),
+        ("--ply", "a.ply", vec![]),
+        ("--ply", "b.ply", vec!["--variant", "y-down"]),
+        ("--compressed-ply", "c.compressed.ply", vec![]),
+        ("--compressed-ply", "d.compressed.ply", vec!["--variant", "y-down"]),
+        ("--spz", "e.spz", vec![]),
+        ("--gltf", "f.glb", vec![]),
+        ("--gltf", "g.glb", vec!["--compress", "--copyright", "us"]),
     ] {
         let path = folder.path().join(name);
         let args = ["export", run.to_str().unwrap(), option, path.to_str().unwrap()];
-        succeeds(&[&args, more].concat());
+        succeeds(&[&args[..], &more].concat());
         let read = SplatFile::read(&path).unwrap();
         assert_eq!((read.splats.len(), read.site), (own.len(), Some(cameras.setup.site)), "{name}");
         let db = psnr(&cameras, &own, &read.into_site());
@@ -57,10 +58,7 @@ fn splats_of_every_format_look_like_those_of_the_run() {
         // What `satgs info` says.
         let info = succeeds(&["info", path.to_str().unwrap(), "--json"]);
         let info: Value = serde_json::from_slice(&info.stdout).unwrap();
-        assert_eq!(
-            (&info["splats"], &info["site"]["epsg"]),
-            (&own.len().into(), &cameras.setup.site.epsg.into())
-        );
+        assert!(info["splats"] == own.len() && info["site"]["epsg"] == cameras.setup.site.epsg, "{info}");
         let text = succeeds(&["info", path.to_str().unwrap()]);
         let text = String::from_utf8_lossy(&text.stdout).into_owned();
         assert!(text.contains("degree 0") && text.contains("on EPSG:"), "{text}");
@@ -134,7 +132,7 @@ fn parts_of_a_scene_are_joined_under_one_root() {
     assert_eq!((made.splats, made.tiles, made.levels), (own.len(), 3, 2));
     let tileset: Value = serde_json::from_slice(&std::fs::read(&made.tileset).unwrap()).unwrap();
     let root = &tileset["root"];
-    assert_eq!((&root["refine"], root["children"].as_array().unwrap().len()), (&"REPLACE".into(), 2));
+    assert!(root["refine"] == "REPLACE" && root["children"].as_array().unwrap().len() == 2, "{root}");
     assert!(root["geometricError"].as_f64().unwrap() > 0.0);
     let top = of_tile(&folder.path().join("t/tiles/root.glb"));
     assert!(top.len() < own.len() && !top.is_empty());
@@ -152,7 +150,7 @@ fn photographs_without_a_place_on_earth_have_files_but_no_tiles() {
     assert!(said.contains("--georef") && !Path::new(&path("tiles")).exists(), "{said}");
     let own = satgs::splat::ply::read(&folder.path().join("run/splats.ply")).unwrap();
     for (option, name, within) in
-        [("--spz", "a.spz", 0.005), ("--gltf", "a.glb", 1e-5), ("--compressed-ply", "a.compressed.ply", 0.02)]
+        [("--spz", "a.spz", 0.01), ("--gltf", "a.glb", 1e-5), ("--compressed-ply", "a.compressed.ply", 0.02)]
     {
         succeeds(&["export", &path("run"), option, &path(name)]);
         let read = SplatFile::read(Path::new(&path(name))).unwrap();
