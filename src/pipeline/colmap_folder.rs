@@ -25,7 +25,7 @@ pub(super) struct ColmapFolder(ExportFolder);
 impl ColmapFolder {
     /// See [`ExportFolder::new`].
     pub fn new(target: &Path, overwrite: bool) -> Result<Self, PipelineError> {
-        Ok(Self(ExportFolder::new(target, overwrite)?))
+        Ok(Self(ExportFolder::new(target, SUMMARY, overwrite)?))
     }
 
     /// Refuses a folder that holds an image of the scene itself, which the project would replace.

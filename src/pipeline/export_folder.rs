@@ -17,15 +17,16 @@ pub(super) struct ExportFolder {
 
 impl ExportFolder {
     /// A folder that will appear at `target`, which must be empty or missing; with `overwrite` it replaces what an earlier
-    /// export wrote there.
-    pub fn new(target: &Path, overwrite: bool) -> Result<Self, PipelineError> {
+    /// export wrote there, which is known by [`SUMMARY`] and the file `mark`.
+    pub fn new(target: &Path, mark: &str, overwrite: bool) -> Result<Self, PipelineError> {
         let failed = |e: std::io::Error| WriteError::new(target, e);
         let first = match fs::read_dir(target) {
             Ok(mut entries) => entries.next(),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => None,
             Err(e) => return Err(failed(e).into()),
         };
-        if first.is_some() && !(overwrite && target.join(SUMMARY).exists()) {
+        let is_known = || [SUMMARY, mark].iter().all(|name| target.join(name).exists());
+        if first.is_some() && !(overwrite && is_known()) {
             return Err(ExportError::NotEmpty { folder: target.into() }.into());
         }
         let parent = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));

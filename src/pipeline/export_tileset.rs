@@ -50,7 +50,7 @@ pub fn export_tileset(
     overwrite: bool,
     progress: &dyn Progress,
 ) -> Result<ExportedTileset, PipelineError> {
-    let target = ExportFolder::new(folder, overwrite)?;
+    let target = ExportFolder::new(folder, TILESET, overwrite)?;
     let mut place: Option<(LevelFrame, SiteGrid)> = None;
     let (mut tops, mut bytes, mut total) = (Vec::new(), 0, 0);
     let uri = |id: &str| format!("{CONTENTS}/{id}.glb");
