@@ -1,18 +1,25 @@
 //! `satgs export`: a run in the forms that other programs read.
 
 use super::{CliError, Ui, ending};
-use crate::export::PlyVariant;
+use crate::export::{GltfCompression, PlyVariant};
 use crate::perspective::colmap::Format;
-use crate::pipeline::{ExportedViews, export_colmap, export_ply};
+use crate::pipeline::{ExportedTileset, ExportedViews, SplatExport, export_colmap, export_splats};
+use crate::tiles::export_scene_tileset;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Export a run for other programs: a COLMAP project, or splats in another variant of PLY
+/// Export a run for other programs: a COLMAP project, splats in the formats of viewers, 3D Tiles for globes
 ///
 /// --colmap writes images/, sparse/0/ (cameras, images, points3D) and georef.json. Satellite views become pinhole cameras
 /// far away on their lines of sight, with images resampled to square pixels and cropped to the area; photographs are written
 /// without distortion, as they were trained on. COLMAP, gsplat, Brush and nerfstudio open them. Coordinates are metres east,
 /// north and up from the run's origin. A satellite run needs no more than `satgs ba`.
+///
+/// --ply, --compressed-ply, --spz and --gltf write the splats, in the colours of the orthophoto, and NAME.georef.json with
+/// EPSG code and origin. Axes are x east, y north, z up in PLY files, and x east, y up, z south in SPZ and glTF; the unit is
+/// metres. `satgs info FILE` says what is in them.
+///
+/// --3dtiles writes tileset.json and its tiles, also of a scene of several tiles, for CesiumJS and other globes.
 #[derive(clap::Args, Clone, Debug)]
 #[command(group = clap::ArgGroup::new("form").required(true))]
 pub struct Args {
@@ -22,14 +29,32 @@ pub struct Args {
     #[arg(long, value_name = "DIR", group = "form")]
     colmap: Option<PathBuf>,
     /// Files of the COLMAP model
-    #[arg(long, value_enum, default_value = "bin", conflicts_with = "ply")]
+    #[arg(long, value_enum, default_value = "bin", requires = "colmap")]
     format: FileFormat,
-    /// Write the splats, in the colours of the orthophoto, to this file
+    /// Write the splats to this .ply file with all columns of 3DGS
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["ply"]))]
     ply: Option<PathBuf>,
-    /// Columns and axes of the splats
-    #[arg(long, value_enum, default_value = "3dgs", conflicts_with = "colmap")]
+    /// Write the splats to this compressed PLY file of PlayCanvas and SuperSplat, which expect NAME.compressed.ply
+    #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["ply"]))]
+    compressed_ply: Option<PathBuf>,
+    /// Axes of --ply and --compressed-ply
+    #[arg(long, value_enum, default_value = "3dgs", conflicts_with_all = ["colmap", "spz", "gltf", "tiles3d"])]
     variant: Variant,
+    /// Write the splats to this .spz file (version 3): positions in steps of 0.24 mm within 2 km
+    #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["spz"]))]
+    spz: Option<PathBuf>,
+    /// Write the splats to this .glb file with KHR_gaussian_splatting
+    #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["glb"]))]
+    gltf: Option<PathBuf>,
+    /// Hold the splats of --gltf as SPZ (KHR_gaussian_splatting_compression_spz_2)
+    #[arg(long, requires = "gltf")]
+    compress: bool,
+    /// Write 3D Tiles 1.1 into this folder, which must be empty or new: tiles of splats with levels of detail, on the globe
+    #[arg(long = "3dtiles", value_name = "DIR", group = "form")]
+    tiles3d: Option<PathBuf>,
+    /// Copyright that --gltf and --3dtiles hold and globes show
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["colmap", "ply", "compressed_ply", "spz"])]
+    copyright: Option<String>,
     /// Replace the file, or what an earlier export wrote into the folder
     #[arg(long)]
     overwrite: bool,
@@ -52,25 +77,55 @@ enum Variant {
     YDown,
 }
 
+impl Variant {
+    fn ply(self) -> PlyVariant {
+        match self {
+            Self::Full => PlyVariant::Full,
+            Self::YDown => PlyVariant::YDown,
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    if let Some(file) = &args.ply {
-        let variant = match args.variant {
-            Variant::Full => PlyVariant::Full,
-            Variant::YDown => PlyVariant::YDown,
+    if let Some(folder) = &args.colmap {
+        let format = match args.format {
+            FileFormat::Bin => Format::Binary,
+            FileFormat::Text => Format::Text,
         };
-        let ply = export_ply(&args.run, file, variant, args.overwrite)?;
-        let megabytes = ply.bytes as f64 / 1e6;
-        let text = format!("{}, {} splats, {megabytes:.1} MB", ply.file.display(), ply.splats);
-        return ui.summary("export", Some(&text), &ply);
+        let exported = export_colmap(&args.run, folder, format, args.overwrite, ui)?;
+        return ui.summary("export", Some(&table(&exported)), &exported);
     }
-    let Some(folder) = &args.colmap else { return Ok(()) };
-    let format = match args.format {
-        FileFormat::Bin => Format::Binary,
-        FileFormat::Text => Format::Text,
+    let copyright = args.copyright.clone();
+    if let Some(folder) = &args.tiles3d {
+        let copyright = copyright.as_deref();
+        let exported = export_scene_tileset(&args.run, folder, copyright, args.overwrite, ui)?;
+        let ExportedTileset { tileset, tiles, levels, splats, bytes } = &exported;
+        let megabytes = *bytes as f64 / 1e6;
+        let text = format!(
+            "{}: {tiles} tiles, {levels} levels of detail, {splats} splats, {megabytes:.1} MB",
+            tileset.display()
+        );
+        return ui.summary("export", Some(&text), &exported);
+    }
+    let compression = if args.compress { GltfCompression::Spz } else { GltfCompression::None };
+    let Some((file, form)) = [
+        (&args.ply, SplatExport::Ply(args.variant.ply())),
+        (&args.compressed_ply, SplatExport::CompressedPly(args.variant.ply())),
+        (&args.spz, SplatExport::Spz),
+        (&args.gltf, SplatExport::Gltf { compression, copyright }),
+    ]
+    .into_iter()
+    .find_map(|(file, form)| Some((file.as_ref()?, form))) else {
+        return Ok(());
     };
-    let exported = export_colmap(&args.run, folder, format, args.overwrite, ui)?;
-    ui.summary("export", Some(&table(&exported)), &exported)
+    let exported = export_splats(&args.run, file, &form, args.overwrite)?;
+    let megabytes = exported.bytes as f64 / 1e6;
+    let mut text = format!("{}, {} splats, {megabytes:.1} MB", exported.file.display(), exported.splats);
+    if let Some(step) = exported.step {
+        let _ = write!(text, ", positions in steps of {:.2} mm", 1000.0 * step);
+    }
+    ui.summary("export", Some(&text), &exported)
 }
 
 fn table(exported: &ExportedViews) -> String {

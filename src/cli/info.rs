@@ -3,7 +3,7 @@
 use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
 use super::scene_kind::SceneKind;
-use super::{CliError, Ui, perspective_info};
+use super::{CliError, Ui, perspective_info, splat_info};
 use crate::estimate::{BEST_CONVERGENCE_DEG, Cost, Imaging, best_convergence_deg};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::mvs::DSM_CELL_M;
@@ -26,6 +26,9 @@ const MATRIX_VIEWS: usize = 8;
 ///
 /// SCENE may also be a perspective scene: a COLMAP project, a transforms.json of instant-ngp or nerfstudio, RGB-D frames in
 /// the form of 7-Scenes, a scene of LEVIR-NVS or ScanNet++. Then views, lenses, points, reprojection errors and the extent are shown.
+///
+/// Of a splat file (.ply, .compressed.ply, .spz, .glb with KHR_gaussian_splatting) the number of splats, their extent, axes and
+/// place on the map are shown, and of a tileset.json of 3D Tiles its tiles and levels of detail.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -45,6 +48,9 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    if splat_info::is_one(args.scene.path()) {
+        return splat_info::run(args.scene.path(), ui);
+    }
     if PerspectiveScene::is_one(args.scene.path()) {
         ui.given().require_of(SceneKind::Photographs, args.scene.path())?;
         return perspective_info::run(args.scene.path(), &args.perspective.options(), ui);

@@ -28,6 +28,7 @@ mod run;
 mod scene_args;
 mod scene_kind;
 mod simulate;
+mod splat_info;
 mod tile;
 mod train;
 mod view;

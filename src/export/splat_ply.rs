@@ -1,10 +1,8 @@
 //! Splat files in the variants that viewers ask for.
 
-use super::ExportError;
+use super::Axes;
 use crate::frame::SiteGrid;
 use crate::splat::splats::Splats;
-use glam::DQuat;
-use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write as _;
 
 /// Coefficients of spherical harmonics above degree 0 in a file of degree 3.
@@ -24,32 +22,31 @@ pub enum PlyVariant {
 impl PlyVariant {
     /// The directions of x, y and z.
     #[must_use]
-    pub fn axes(self) -> [&'static str; 3] {
+    pub fn axes(self) -> Axes {
         match self {
-            Self::Full => ["east", "north", "up"],
-            Self::YDown => ["east", "down", "north"],
+            Self::Full => Axes::EastNorthUp,
+            Self::YDown => Axes::EastDownNorth,
         }
     }
 
-    /// The content of the file, of splats in the frame of a site or, without one, in a frame that is not on the map.
-    ///
-    /// # Errors
-    /// [`ExportError::DirectionalColor`] if the axes would have to be changed of splats whose colours depend on the
-    /// direction.
-    pub fn encode(self, splats: &Splats, site: Option<&SiteGrid>) -> Result<Vec<u8>, ExportError> {
-        if self == Self::YDown && !splats.f_rest.is_empty() {
-            return Err(ExportError::DirectionalColor);
-        }
+    /// The comments in the header of splats in these axes: their place, and which axis is vertical.
+    #[must_use]
+    pub fn comments(self, site: Option<&SiteGrid>) -> Vec<String> {
+        let Some(site) = site else { return Vec::new() };
+        let ([east, north, height], axes) = (site.origin.xyz(), self.axes().names().join(", "));
+        let vertical = if self == Self::Full { "z" } else { "-y" };
+        vec![
+            format!("metres {axes} from EPSG:{} {east} {north}, ellipsoidal height {height}", site.epsg),
+            format!("Vertical Axis: {vertical}"),
+        ]
+    }
+
+    /// The content of the file, of splats in the axes of the variant; the site is that of their frame if they are on the map.
+    #[must_use]
+    pub fn encode(self, splats: &Splats, site: Option<&SiteGrid>) -> Vec<u8> {
         let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
-        if let Some(site) = site {
-            let ([east, north, height], axes) = (site.origin.xyz(), self.axes().join(", "));
-            let vertical = if self == Self::Full { "z" } else { "-y" };
-            let _ = writeln!(
-                header,
-                "comment metres {axes} from EPSG:{} {east} {north}, ellipsoidal height {height}\n\
-                 comment Vertical Axis: {vertical}",
-                site.epsg
-            );
+        for comment in self.comments(site) {
+            let _ = writeln!(header, "comment {comment}");
         }
         let _ = writeln!(header, "element vertex {}", splats.len());
         let rest: Vec<String> = (0..REST).map(|k| format!("f_rest_{k}")).collect();
@@ -60,28 +57,18 @@ impl PlyVariant {
         }
         header.push_str("end_header\n");
         let mut bytes = header.into_bytes();
-        // From east, north, up to east, down, north: a quarter turn about the first axis.
-        let turn = DQuat::from_rotation_x(FRAC_PI_2);
         for i in 0..splats.len() {
-            let ([x, y, z], [w, qx, qy, qz]) = (splats.position[i], splats.rotation[i]);
-            let (position, rotation) = match self {
-                Self::Full => ([x, y, z], [w, qx, qy, qz]),
-                Self::YDown => {
-                    let q = turn * DQuat::from_xyzw(qx.into(), qy.into(), qz.into(), w.into());
-                    ([x, -z, y], [q.w, q.x, q.y, q.z].map(|v| v as f32))
-                }
-            };
-            let values = position
+            let values = splats.position[i]
                 .into_iter()
                 .chain([0.0; 3])
                 .chain(splats.f_dc[i])
                 .chain(splats.f_rest.get(i).copied().unwrap_or([0.0; REST]))
                 .chain(splats.opacity_logit[i])
                 .chain(splats.log_scale[i])
-                .chain(rotation);
+                .chain(splats.rotation[i]);
             values.for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
         }
-        Ok(bytes)
+        bytes
     }
 }
 
@@ -90,7 +77,7 @@ mod tests {
     use super::*;
     use crate::frame::Point;
     use crate::splat::ply;
-    use glam::{DMat3, DVec3};
+    use glam::{DMat3, DQuat, DVec3};
 
     /// The shape of a splat: its covariance without the scale of its axes' order.
     fn covariance(splats: &Splats) -> DMat3 {
@@ -110,7 +97,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let read = |variant: PlyVariant| {
             let path = folder.path().join("splats.ply");
-            let bytes = variant.encode(&splats, Some(&site)).unwrap();
+            let bytes = variant.encode(&variant.axes().from_site(splats.clone()), Some(&site));
             let head = String::from_utf8_lossy(&bytes).into_owned();
             assert_eq!(head.matches("property float").count(), 62);
             std::fs::write(&path, bytes).unwrap();
@@ -125,9 +112,7 @@ mod tests {
         assert_eq!(turned.f_dc, splats.f_dc);
         splats.f_rest.push([0.25; REST]);
         let path = folder.path().join("directional.ply");
-        std::fs::write(&path, PlyVariant::Full.encode(&splats, None).unwrap()).unwrap();
+        std::fs::write(&path, PlyVariant::Full.encode(&splats, None)).unwrap();
         assert_eq!(ply::read(&path).unwrap(), splats);
-        let refused = PlyVariant::YDown.encode(&splats, None);
-        assert!(matches!(refused, Err(ExportError::DirectionalColor)));
     }
 }

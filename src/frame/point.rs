@@ -63,6 +63,8 @@ frames! {
     Utm,
     /// Metres east and north along the map grid and up, from the site's origin.
     Site,
+    /// Earth-centred, earth-fixed metres of WGS 84 (EPSG:4978).
+    Ecef,
     /// Pixels; (0, 0) is the centre of the top-left pixel (RPC, Maxar).
     CenterPx,
     /// Pixels; (0, 0) is the outer corner of the top-left pixel (GDAL geotransforms, COLMAP).

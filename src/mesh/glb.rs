@@ -5,7 +5,7 @@
 //! translation brings back. The place on Earth is in the `extras` of the scene.
 
 use super::TriangleMesh;
-use super::gltf::GltfData;
+use super::gltf::{self, GltfData};
 use glam::{DQuat, DVec3};
 use serde_json::json;
 
@@ -48,11 +48,7 @@ pub(super) fn bytes(mesh: &TriangleMesh) -> Option<Vec<u8>> {
         document["extensionsUsed"] = json!(["KHR_materials_unlit"]);
     }
     if let Some(site) = &mesh.site {
-        let [east, north, height] = site.origin.xyz();
-        document["scenes"][0]["extras"] = json!({
-            "epsg": site.epsg, "east_m": east, "north_m": north, "height_m": height,
-            "vertical": "WGS 84 ellipsoid",
-        });
+        document["scenes"][0]["extras"] = gltf::place(site);
     }
     data.into_file(document)
 }

@@ -1,18 +1,17 @@
-//! A run in the forms that other programs read: `satgs export`.
+//! The views of a run as other programs read them: `satgs export --colmap`.
 
 use super::colmap_folder::ColmapFolder;
-use super::exported::{ExportedPly, ExportedView, ExportedViews, PinholeFit};
+use super::exported::{ExportedView, ExportedViews, PinholeFit};
 use super::run_folder::perspective_manifest;
 use super::run_folder::satellite_cameras::require_image;
 use super::{PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, read_scene, relocation};
 use crate::affine::SiteScene;
 use crate::bundle::{Adjustment, TiePointObservation};
-use crate::export::{ColmapBuilder, ExportError, Fitted, LocalPinhole, PlyVariant, Resampled};
+use crate::export::{ColmapBuilder, ExportError, Fitted, LocalPinhole, Resampled};
 use crate::frame::{CenterPx, Pixel};
-use crate::io::{check_writable, remove_if_there, write_file, write_json};
 use crate::perspective::colmap::{ColmapModel, Format};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CAMERAS, SPLATS};
+use crate::run_files::{ADJUSTMENT, CAMERAS};
 use crate::scene::{Role, View};
 use std::path::Path;
 
@@ -130,50 +129,4 @@ fn photographs(run: &Path, target: &ColmapFolder, progress: &dyn Progress) -> Re
         views.iter().zip(&cameras.views).map(|(v, trained)| (v.image.as_str(), trained.camera()));
     let model = ColmapModel::of_photographs(photographs, &scene.points);
     Ok(Parts { model, views, left_out: Vec::new(), site: cameras.site })
-}
-
-/// Exports the splats of a run, those of a satellite run in the colours of the orthophoto, with `NAME.georef.json` beside
-/// them if they have a place on Earth.
-///
-/// # Errors
-/// [`PipelineError`]: the run is not trained, the file exists and `overwrite` is not set, or it cannot be written.
-pub fn export_ply(
-    run: &Path,
-    file: &Path,
-    variant: PlyVariant,
-    overwrite: bool,
-) -> Result<ExportedPly, PipelineError> {
-    let is_own = match (file.canonicalize(), run.join(SPLATS).canonicalize()) {
-        (Ok(file), Ok(own)) => file == own,
-        _ => false,
-    };
-    if is_own {
-        return Err(ExportError::OwnFile { path: file.into() }.into());
-    }
-    let georeference = file.with_extension("georef.json");
-    for path in [file, &georeference] {
-        if path.exists() && !overwrite {
-            return Err(PipelineError::Exists { path: path.into() });
-        }
-    }
-    check_writable(file)?;
-    let (splats, site) = if perspective_manifest::is_run(run) {
-        let cameras = PerspectiveCameras::read(run)?;
-        (PerspectiveCameras::read_splats(run)?, cameras.site)
-    } else {
-        relocation::finish(run)?;
-        let cameras = TrainedCameras::read(run)?;
-        (cameras.read_shown_splats(run)?, Some(cameras.setup.site))
-    };
-    let bytes = variant.encode(&splats, site.as_ref())?;
-    write_file(file, &bytes)?;
-    if let Some(site) = &site {
-        let mut place = crate::io::georeference(site);
-        place["axes"] = serde_json::json!(variant.axes());
-        write_json(&georeference, &place)?;
-    } else {
-        // That of a file that was replaced.
-        remove_if_there(&georeference)?;
-    }
-    Ok(ExportedPly { file: file.into(), splats: splats.len(), bytes: bytes.len() as u64 })
 }

@@ -44,13 +44,31 @@ pub struct PinholeFit {
     pub max_px: f64,
 }
 
-/// Splats that were exported.
+/// Splats that were exported as one file.
 #[derive(Clone, Debug, Serialize)]
-pub struct ExportedPly {
-    /// The PLY file.
+pub struct ExportedSplats {
+    /// The file.
     pub file: PathBuf,
     /// Number of splats.
     pub splats: usize,
     /// Size of the file.
+    pub bytes: u64,
+    /// Distance of neighbouring coordinates, in their unit, if the format holds whole numbers of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<f64>,
+}
+
+/// Splats that were exported as 3D Tiles.
+#[derive(Clone, Debug, Serialize)]
+pub struct ExportedTileset {
+    /// Its document.
+    pub tileset: PathBuf,
+    /// Number of tiles.
+    pub tiles: usize,
+    /// Number of levels of detail.
+    pub levels: usize,
+    /// Number of splats of the most detailed level.
+    pub splats: usize,
+    /// Size of the files of all tiles.
     pub bytes: u64,
 }

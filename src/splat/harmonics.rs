@@ -93,7 +93,7 @@ pub fn colors_backward<T: SimdReal>(
 /// their colours no longer depend on the direction.
 #[must_use]
 pub fn seen_along(mut splats: Splats, direction: [f64; 3]) -> Splats {
-    let basis = basis(direction, &Factors::plain());
+    let basis = basis_of(direction);
     for (f_dc, rest) in splats.f_dc.iter_mut().zip(&splats.f_rest) {
         for (f, rest) in f_dc.iter_mut().zip(rest.as_chunks::<REST>().0) {
             let sum: f64 = basis.iter().zip(rest).map(|(b, c)| b * f64::from(*c)).sum();
@@ -102,6 +102,11 @@ pub fn seen_along(mut splats: Splats, direction: [f64; 3]) -> Splats {
     }
     splats.f_rest.clear();
     splats
+}
+
+/// The fifteen basis functions above degree 0 for a unit vector, in the order of `f_rest`.
+pub(super) fn basis_of(direction: [f64; 3]) -> [f64; REST] {
+    basis(direction, &Factors::plain())
 }
 
 /// The numbers of the basis functions: scalars, or vectors with the same value in each lane.

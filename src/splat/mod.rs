@@ -14,6 +14,7 @@ mod differences;
 pub mod edit;
 pub mod growth;
 pub mod harmonics;
+pub mod harmonics_turn;
 pub mod image_score;
 pub mod init;
 pub mod loss;

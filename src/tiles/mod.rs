@@ -22,6 +22,7 @@ mod colour;
 mod cut;
 mod done;
 mod error;
+mod export_tileset;
 mod job;
 #[cfg(test)]
 mod made_tests;
@@ -47,6 +48,7 @@ pub use cells::MapBox;
 pub use colour::{ColorCorrection, ColorStep, TileColors};
 pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
+pub use export_tileset::export_scene_tileset;
 pub use job::run_tile;
 pub use mosaic::{mosaic, report};
 pub use mosaicked::{FailedTile, Mosaicked};

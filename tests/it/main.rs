@@ -52,6 +52,7 @@ mod scene_lists;
 mod season_colors;
 mod simulated_photographs;
 mod simulated_surfaces;
+mod splat_formats;
 mod surface_first;
 mod tiles;
 mod validity;
