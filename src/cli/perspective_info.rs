@@ -2,8 +2,7 @@
 
 use super::{CliError, Ui};
 use crate::perspective::colmap::Reprojection;
-use crate::perspective::{LensModel, PerspectiveOptions, PerspectiveScene, PerspectiveView};
-use crate::progress::{Event, Progress};
+use crate::perspective::{LensModel, PerspectiveScene, PerspectiveView};
 use crate::scene::Role;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -12,16 +11,12 @@ use std::path::Path;
 /// Names that are listed of what was left out and of the test views.
 const LISTED: usize = 5;
 
-/// Reads the scene and shows it.
-pub fn run(path: &Path, options: &PerspectiveOptions, ui: &Ui) -> Result<(), CliError> {
-    let scene = PerspectiveScene::read(path, options)?;
+/// Shows a scene that was read from `path`.
+pub fn run(path: &Path, scene: &PerspectiveScene, ui: &Ui) -> Result<(), CliError> {
     let reprojection = PerspectiveScene::reprojection(path)?;
-    let lenses = lenses(&scene);
-    let text = text(&scene, &lenses, reprojection);
-    for warning in scene.georeference.iter().flat_map(|g| g.warnings()) {
-        ui.event(Event::Warning(warning.clone()));
-    }
-    ui.summary("info", Some(&text), &summary(&scene, &lenses, reprojection))
+    let lenses = lenses(scene);
+    let text = text(scene, &lenses, reprojection);
+    ui.summary("info", Some(&text), &summary(scene, &lenses, reprojection))
 }
 
 /// The cameras of one model.

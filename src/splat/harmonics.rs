@@ -15,7 +15,7 @@ use rayon::prelude::*;
 /// Highest degree.
 pub const MAX_DEGREE: usize = 3;
 /// Number of coefficients of a colour channel in `f_rest`.
-const REST: usize = 15;
+pub(super) const REST: usize = 15;
 /// The same, filled up to whole vectors.
 const PADDED: usize = MAX_LANES;
 /// Number of splats that one task works on.
@@ -102,6 +102,12 @@ pub fn seen_along(mut splats: Splats, direction: [f64; 3]) -> Splats {
     }
     splats.f_rest.clear();
     splats
+}
+
+/// The values of the basis functions of `f_rest` for a unit vector.
+#[must_use]
+pub(super) fn basis_along(direction: [f64; 3]) -> [f64; REST] {
+    basis(direction, &Factors::plain())
 }
 
 /// The numbers of the basis functions: scalars, or vectors with the same value in each lane.

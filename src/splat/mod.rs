@@ -32,4 +32,5 @@ pub mod state;
 pub mod sun_visibility;
 pub mod test_time;
 pub mod train;
+pub mod transformed;
 pub mod visibility;
