@@ -47,7 +47,8 @@ class Splats:
     """Gaussian splats: a table of float32 with a row for each splat, and the names of its columns, those of 3DGS.
 
     The attributes ``positions``, ``log_scales``, … are views of the table, without a copy: what is written into them changes the
-    splats, and ``torch.from_numpy`` takes them. A table that was read is mapped from the file, which is not changed.
+    splats. A table that was read is mapped from the file, which is not changed. Numbers in a file may stand at any byte:
+    ``numpy.require(splats.positions, None, "A")`` makes a copy for programs that need aligned ones.
 
     Attributes:
         table: Shape (n, columns), float32.

@@ -39,7 +39,8 @@ def command_options() -> list[tuple[str, str]]:
 def test_every_command_has_a_call() -> None:
     without = set(described_arguments()) - {call.command for call in CALLS.values()}
     assert without == set(NO_CALL)
-    assert set(CALLS) | {"set_threads"} == {n for n, f in vars(_calls).items() if inspect.isfunction(f) and f.__module__ == "satgs._calls" and n[0] != "_"}
+    public = {n for n, f in vars(_calls).items() if inspect.isfunction(f) and f.__module__ == _calls.__name__ and n[0] != "_"}
+    assert set(CALLS) | {"set_threads"} == public
     assert set(CALLS) <= set(satgs.__all__)
 
 

@@ -39,7 +39,9 @@ impl Splats {
             let turned = turned_harmonics(&rotation);
             for channel in out.f_rest.iter_mut().flat_map(|rest| rest.as_chunks_mut::<REST>().0) {
                 let given = channel.map(f64::from);
-                *channel = turned.map(|row| row.iter().zip(given).map(|(a, c)| a * c).sum::<f64>() as f32);
+                for (out, row) in channel.iter_mut().zip(&turned) {
+                    *out = row.iter().zip(given).map(|(a, c)| a * c).sum::<f64>() as f32;
+                }
             }
         }
         out
