@@ -31,10 +31,11 @@ pub fn picture<'py>(py: Python<'py>, planes: &[Grid2]) -> PyResult<Bound<'py, Py
 /// Three numbers, as a tuple of Python.
 type Triple = (f64, f64, f64);
 
-/// The arguments of `satgs.PinholeCamera`.
-pub fn pinhole(
-    camera: &TrainedPhoto,
-) -> ((f64, f64), (f64, f64), (Triple, Triple, Triple), Triple, (usize, usize)) {
+/// The arguments of `satgs.PinholeCamera`: focal lengths, principal point, rotation, centre, columns and rows.
+type Pinhole = ((f64, f64), (f64, f64), (Triple, Triple, Triple), Triple, (usize, usize));
+
+/// A camera as the arguments of `satgs.PinholeCamera`.
+pub fn pinhole(camera: &TrainedPhoto) -> Pinhole {
     let rows = camera.cam_from_site.map(Triple::from);
     (camera.focal.into(), camera.principal.into(), rows.into(), camera.center.into(), camera.size)
 }
