@@ -22,22 +22,23 @@ _WORDS: dict[object, str] = {
 }
 
 
-def check(call: str, arguments: Mapping[str, object]) -> None:
-    """Checks the arguments of a call of this package, by its name.
+def check(call: str, kinds: Mapping[str, Any], arguments: Mapping[str, object]) -> None:
+    """Checks the arguments of a call of this package by their annotated types.
 
     Raises:
-        TypeError: An argument is of another type than its annotation.
+        TypeError: There is no such argument, or it is of another type than its annotation.
         InputError: A whole number is negative.
     """
-    from satgs import _calls
-
-    for name, kind in typing.get_type_hints(getattr(_calls, call)).items():
-        value = arguments.get(name)
-        if value is None and types.NoneType in typing.get_args(kind):
+    for name, value in arguments.items():
+        if name not in kinds:
+            raise TypeError(f"{call}() got an unexpected keyword argument {name!r} (help(satgs.{call}))")
+        kind = kinds[name]
+        parts = typing.get_args(kind)
+        if value is None and types.NoneType in parts:
             continue
-        if name in arguments and not _fits(value, kind):
+        if not _fits(value, kind):
             raise TypeError(f"`{name}` is {value!r}, expected {_words(kind)} (help(satgs.{call}))")
-        if int in typing.get_args(kind) and typing.cast(int, value) < 0:
+        if int in parts and isinstance(value, numbers.Integral) and value < 0:
             raise InputError(f"`{name}` is {value!r}, expected a number from 0 on")
 
 

@@ -1,49 +1,51 @@
-"""The calls: keyword arguments in, an object of `satgs.results` out. `satgs._satgs` does the work.
+"""The calls: one for each command, keyword arguments in, an object of `satgs.results` out.
 
-An argument that is ``None`` takes the default of the library, which is also that of the command line. Each call hands all its
-arguments (`locals()` before any other name exists) to the extension module, which takes those that it knows by name.
+The keyword arguments are those of `satgs.options`. An argument that is ``None`` takes the default of the command line.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import os
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from satgs import _satgs, events
-from satgs._arguments import check
-from satgs.errors import FailedError, SatgsWarning
-from satgs.events import Event, Progress
-from satgs.results import Adjusted, DsmSummary, Evaluation, Mosaicked, RunResult, Trained, from_json
+from satgs import _satgs, options as o
+from satgs import results as r
+from satgs._command_words import Figures, calls, run_command
+from satgs.errors import FailedError
+from satgs.results import from_json
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 
 
-def adjust(
-    scene: PathLike,
-    run: PathLike,
-    *,
-    rpcs: str | None = None,
-    suns: Mapping[str, tuple[float, float]] | None = None,
-    aoi: tuple[float, float, float, float] | PathLike | None = None,
-    bands: Sequence[int] | None = None,
-    stretch_percent: float | None = None,
-    gamma: float | None = None,
-    trust_rpc: bool | None = None,
-    model: Literal["shift", "shift-scale", "affine"] | None = None,
-    fixed: bool | None = None,
-    height_range: tuple[float, float] | None = None,
-    dem: PathLike | None = None,
-    dem_vertical: str | None = None,
-    dem_sigma_m: float | None = None,
-    gcps: PathLike | None = None,
-    reference_views: Sequence[str] | None = None,
-    overwrite: bool | None = None,
-    progress: Progress | None = None,
-) -> Adjusted:
+@calls("info", o.InfoOptions)
+def info(scene: PathLike, **options: Unpack[o.InfoOptions]) -> r.SatelliteInfo | r.PhotographsInfo:
+    """Says what a scene contains: views, cameras, suns, dates, convergence angles, common ground; of photographs lenses,
+    points and reprojection errors.
+
+    Args:
+        scene: As for :func:`adjust`, or photographs with poses: a COLMAP project, a ``transforms.json``, RGB-D frames, a scene
+            of LEVIR-NVS or ScanNet++.
+        **options: See :class:`satgs.options.InfoOptions`.
+
+    Raises:
+        InputError: The scene or an option is wrong, or the views have no ground in common.
+    """
+    (figures,) = run_command("info", {"scene": scene, **options})
+    if "layout" in json.loads(_recorded(figures)):
+        return _result(r.PhotographsInfo, figures)
+    return _result(r.SatelliteInfo, figures)
+
+
+@calls("ba", o.AdjustOptions)
+def adjust(scene: PathLike, run: PathLike, **options: Unpack[o.AdjustOptions]) -> r.Adjusted:
     """Corrects the RPC cameras of a scene by bundle adjustment: writes ``RUN/scene.json`` and ``RUN/ba``.
 
     ``RUN/ba`` gets the corrected RPCs, tie points, sparse points and a report. An adjustment that the run folder holds
@@ -52,98 +54,35 @@ def adjust(
     Args:
         scene: Folder of images with RPCs, a folder with ``images/`` and folders of RPC files, or a list of views (TOML, STAC).
         run: The run folder.
-        rpcs: Name of the folder of RPC files beside ``images/``; needed if there are several.
-        suns: Azimuth (clockwise from north) and elevation of the sun by view name, degrees, instead of those in files.
-        aoi: Area of interest: west, south, east, north in degrees, or a GeoJSON file. ``None``: the ground that at least
-            three views see (two, of two or three views).
-        bands: Bands to use, counted from 1: three as red, green, blue, or one. ``None``: the first three.
-        stretch_percent: Percentage of pixels that is clipped at each end of the values, from 0 to below 50. ``None``: 0.5, and 0
-            for 8-bit images.
-        gamma: Display gamma of the images, from 1 to 4: light = value ** gamma. ``None``: found from the images: 2.2
-            for 8-bit images that are bright in the light and in the shadows, else 1.
-        trust_rpc: Take the first RPC found for an image even if it seems to belong to another one.
-        model: Correction of each camera. ``None``: ``shift``.
-        fixed: Keep the cameras as they are, and only measure how well they agree.
-        height_range: Lowest and highest height to search, metres above the ellipsoid. ``None``: from ``dem``, else from the
-            images' metadata.
-        dem: Elevation model that gives the heights to search.
-        dem_vertical: Vertical reference of its heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file of a geoid
-            grid. ``None``: as the file says.
-        dem_sigma_m: Standard deviation, metres, with which it constrains the height of the scene. ``None``: it does not.
-        gcps: CSV file of ground control points, which then define the datum; columns
-            ``lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px``.
-        reference_views: Views whose RPCs are not corrected and define the datum.
-        overwrite: Adjust again, whatever the run folder holds.
-        progress: Receives the events of the work (:mod:`satgs.events`). ``None``: warnings become Python's warnings of the
-            class :class:`SatgsWarning`, everything else is silent.
+        **options: See :class:`satgs.options.AdjustOptions`.
 
     Raises:
         InputError: The scene or an option is wrong, or the run folder was made from something else or is in use.
         FailedError: A file cannot be written, or no solution was found.
     """
-    options = locals()
-    check("adjust", options)
-    return _adjusted(_satgs.adjust(scene, run, options, _warn if progress is None else progress))
+    return _only(r.Adjusted, "adjust", {"scene": scene, "run": run, **options})
 
 
-def train(
-    run: PathLike,
-    *,
-    recipe: PathLike | None = None,
-    iterations: int | None = None,
-    no_splats: bool | None = None,
-    seed: int | None = None,
-    checkpoint_every: int | None = None,
-    resume: bool | None = None,
-    snapshots: int | None = None,
-    features: PathLike | None = None,
-    lpips: PathLike | None = None,
-    overwrite: bool | None = None,
-    progress: Progress | None = None,
-) -> Trained:
+@calls("train", o.TrainOptions)
+def train(run: PathLike, **options: Unpack[o.TrainOptions]) -> r.Trained:
     """Trains Gaussian splats on an adjusted run: writes ``RUN/splats.ply``, ``RUN/cameras.json`` and ``RUN/train``.
 
     Training goes on from a checkpoint of the same input and options; when it is interrupted, it writes one. A training that
     is complete is kept.
 
     Args:
-        run: The run folder of :func:`adjust`.
-        recipe: Name of a recipe (``best``, ``baeogs``, ``eogs``, ``satgs``) or a TOML file. ``None``: ``best``.
-        iterations: Number of iterations, to which the recipe's schedule is scaled. ``None``: the recipe's own.
-        no_splats: Stop at the surface that matching finds: no splats are trained. For two or three images the heights are those
-            of a run with splats; for more, training makes them better.
-        seed: Seed of all random numbers; the same seed gives the same bytes. ``None``: 0.
-        checkpoint_every: Number of iterations from one checkpoint to the next.
-        resume: Fail unless there is a checkpoint to go on from.
-        snapshots: Number of pictures of the progress to write to ``RUN/train/snapshots``. ``None``: 0.
-        features: For ``satgs``, a network (ONNX) by whose features cars and the like are found.
-        lpips: For ``satgs``, a safetensors file of ``scripts/fetch-weights``, for the perceptual loss.
-        overwrite: Train again, whatever the run folder holds.
-        progress: As for :func:`adjust`.
+        run: The run folder of :func:`adjust`, or of :func:`run` or :func:`predict` of photographs.
+        **options: See :class:`satgs.options.TrainOptions`.
 
     Raises:
         InputError: The run is not adjusted, is in use or was trained from something else, or an option is wrong.
         FailedError: A file cannot be written.
     """
-    options = locals()
-    check("train", options)
-    return _trained(_satgs.train(run, options, _warn if progress is None else progress))
+    return _only(r.Trained, "train", {"run": run, **options})
 
 
-def dsm(
-    run: PathLike,
-    *,
-    resolution_m: float | None = None,
-    like: PathLike | None = None,
-    vertical: str | None = None,
-    fill_m: float | None = None,
-    no_fill: bool | None = None,
-    hillshade: bool | None = None,
-    points: PathLike | None = None,
-    mesh: PathLike | None = None,
-    overwrite: bool | None = None,
-    progress: Progress | None = None,
-) -> DsmSummary:
+@calls("dsm", o.DsmOptions)
+def dsm(run: PathLike, **options: Unpack[o.DsmOptions]) -> r.DsmSummary:
     """Renders the surface model of a trained run: writes ``RUN/dsm.tif``, ``RUN/ortho.tif`` and ``RUN/confidence.tif``.
 
     All are Cloud-Optimized GeoTIFFs on the UTM grid. ``dsm.tif`` holds heights in metres (float32, nodata NaN). A surface model
@@ -151,154 +90,385 @@ def dsm(
 
     Args:
         run: The run folder of :func:`train`.
-        resolution_m: Side of a cell, metres; the extent is the trained area. ``None``: 0.5.
-        like: A raster whose grid and extent are taken instead.
-        vertical: Vertical reference of the heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file of a geoid
-            grid. ``None``: that of an existing ``RUN/dsm.tif``, else the ellipsoid.
-        fill_m: Interpolate holes up to this width, metres. ``None``: holes stay nodata.
-        no_fill: Leave cells that fewer than two views confirm as nodata. ``None``: they are filled in from the cells around
-            them, and ``confidence.tif`` has fewer than two views there.
-        hillshade: Also write the shaded relief, ``RUN/hillshade.tif``.
-        points: Also write the cells as a coloured point cloud (``.laz``, ``.las``); a relative path counts from ``run``.
-        mesh: Also write a textured mesh (``.glb``); a relative path counts from ``run``.
-        overwrite: Render again, whatever the run folder holds.
-        progress: As for :func:`adjust`.
+        **options: See :class:`satgs.options.DsmOptions`.
 
     Raises:
         InputError: The run is not trained, is in use or holds another surface model, or an option is wrong.
         FailedError: A file cannot be written.
     """
-    options = locals()
-    check("dsm", options)
-    return _dsm_summary(_satgs.dsm(run, options, _warn if progress is None else progress))
+    return _only(r.DsmSummary, "dsm", {"run": run, **options})
 
 
-def compare(
-    dsm: PathLike,
-    truth: PathLike,
-    *,
-    classes: PathLike | None = None,
-    mask: PathLike | None = None,
-    truth_vertical: str | None = None,
-    truth_epsg: int | None = None,
-    confidence: PathLike | None = None,
-    output: PathLike | None = None,
-    overwrite: bool | None = None,
-    progress: Progress | None = None,
-) -> Evaluation:
+@calls("dsm-eval", o.CompareOptions)
+def compare(dsm: PathLike, truth: PathLike, **options: Unpack[o.CompareOptions]) -> r.Evaluation:
     """Scores a surface model against a truth, after each of three registrations.
 
     Args:
         dsm: The surface model, of satgs or of any other program: a raster on a map grid in metres.
         truth: The truth: such a raster, DFC2019's ``X_DSM.tif`` with its ``.txt``, or points (``.las``, ``.laz``).
-        classes: Class raster on the truth's grid, in which 9 is water. ``None``: ``X_CLS.tif`` beside ``X_DSM.tif``, or the
-            classes of points.
-        mask: Polygons, or a raster on the truth's grid that is not 0 inside: inside and outside are scored apart.
-        truth_vertical: Vertical reference of the truth's heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file of
-            a geoid grid. ``None``: as the file says.
-        truth_epsg: EPSG code of a point cloud that does not state its own.
-        confidence: Confidence of the surface model, as :func:`dsm` writes it; with it, cells that two views confirm and cells
-            that are filled in are scored apart too. ``None``: ``confidence.tif`` beside the surface model, if it has the same
-            cells.
-        output: Folder for ``metrics.json``, the error map and figures. ``None``: nothing is written.
-        overwrite: Replace files of an earlier evaluation.
-        progress: As for :func:`adjust`.
+        **options: See :class:`satgs.options.CompareOptions`.
 
     Raises:
         InputError: A file cannot be read, has no place on the map, or has no ground in common with the other; an output
             exists.
         FailedError: A file cannot be written.
     """
-    options = locals()
-    check("compare", options)
-    return from_json(Evaluation, _satgs.compare(dsm, truth, output, options, _warn if progress is None else progress))
+    return _only(r.Evaluation, "compare", {"dsm": dsm, "truth": truth, **options})
 
 
-def run(
-    scene: PathLike,
-    run: PathLike,
-    *,
-    rpcs: str | None = None,
-    suns: Mapping[str, tuple[float, float]] | None = None,
-    aoi: tuple[float, float, float, float] | PathLike | None = None,
-    bands: Sequence[int] | None = None,
-    stretch_percent: float | None = None,
-    gamma: float | None = None,
-    trust_rpc: bool | None = None,
-    model: Literal["shift", "shift-scale", "affine"] | None = None,
-    fixed: bool | None = None,
-    height_range: tuple[float, float] | None = None,
-    dem: PathLike | None = None,
-    dem_vertical: str | None = None,
-    dem_sigma_m: float | None = None,
-    gcps: PathLike | None = None,
-    reference_views: Sequence[str] | None = None,
-    recipe: PathLike | None = None,
-    iterations: int | None = None,
-    no_splats: bool | None = None,
-    seed: int | None = None,
-    checkpoint_every: int | None = None,
-    resume: bool | None = None,
-    snapshots: int | None = None,
-    features: PathLike | None = None,
-    lpips: PathLike | None = None,
-    resolution_m: float | None = None,
-    like: PathLike | None = None,
-    vertical: str | None = None,
-    fill_m: float | None = None,
-    no_fill: bool | None = None,
-    hillshade: bool | None = None,
-    points: PathLike | None = None,
-    mesh: PathLike | None = None,
-    truth: PathLike | None = None,
-    classes: PathLike | None = None,
-    mask: PathLike | None = None,
-    truth_vertical: str | None = None,
-    truth_epsg: int | None = None,
-    core_m: float | None = None,
-    overlap_m: float | None = None,
-    max_memory_mb: float | None = None,
-    overwrite: bool | None = None,
-    progress: Progress | None = None,
-) -> RunResult:
+@calls("run", o.RunOptions)
+def run(scene: PathLike, run: PathLike, **options: Unpack[o.RunOptions]) -> r.RunResult:
     """Does everything: adjusts, trains, renders, scores if there is a truth, and writes ``RUN/report.html``.
 
     Stages that the run folder holds already, made from the same input and options, are kept: the same call goes on where it
     was interrupted. An area that is larger than one tile is cut into tiles, which are trained one after the other and blended.
+    Photographs are not adjusted; views that are held back are scored, and a surface model is made if ``georef`` says where the
+    scene lies.
 
     Args:
-        scene: As for :func:`adjust`, as are all arguments up to ``reference_views``.
+        scene: As for :func:`info`.
         run: The run folder.
-        recipe: As for :func:`train`, as are all arguments up to ``lpips``.
-        resolution_m: As for :func:`dsm`, as are all arguments up to ``mesh``.
-        truth: A surface model or points to score the result against; the four arguments after it as for :func:`compare`.
-        core_m: Largest side of an area that is trained as a whole, and of the core of a tile, metres.
-        overlap_m: Width of the ground around a core that is trained as well, metres; seams are cut there.
-        max_memory_mb: Memory that a tile may take, megabytes. ``None``: there is no limit.
-        overwrite: Make everything again, whatever the run folder holds.
-        progress: As for :func:`adjust`.
+        **options: See :class:`satgs.options.RunOptions`.
 
     Raises:
         InputError: The scene or an option is wrong, or the run folder was made from something else or is in use.
         PartialError: Some tiles failed; everything else is complete.
         FailedError: A file cannot be written, or no solution was found.
     """
-    # Scores are with the confidence of the run's own surface model.
-    options = locals() | {"confidence": None}
-    check("run", options)
-    results = dict(_satgs.run(scene, run, options, _warn if progress is None else progress))
+    stages = {figures[0]: figures for figures in run_command("run", {"scene": scene, "run": run, **options})}
 
-    def of(stage: str, made: Callable[[tuple[str | None, bool]], T]) -> T | None:
-        return made(results[stage]) if stage in results else None
+    def of(stage: str, result: type[T]) -> T | None:
+        return _result(result, stages[stage]) if stage in stages else None
 
-    return RunResult(
-        adjusted=_adjusted(results["ba"]),
-        trained=of("train", _trained),
-        dsm=of("dsm", _dsm_summary),
-        mosaic=of("mosaic", _mosaicked),
-        evaluation=of("dsm-eval", lambda figures: from_json(Evaluation, _recorded(figures))),
-        report=of("report", lambda path: Path(_recorded(path))),
+    return r.RunResult(
+        adjusted=of("ba", r.Adjusted),
+        trained=of("train", r.Trained),
+        scored=of("nvs-eval", r.NvsScores),
+        dsm=of("dsm", r.DsmSummary),
+        plan=of("plan", r.Plan),
+        mosaic=of("mosaic", r.Mosaicked),
+        evaluation=of("dsm-eval", r.Evaluation),
+        report=_page(stages["report"]) if "report" in stages else None,
     )
+
+
+@calls("align", o.AlignOptions)
+def align(run: PathLike, to: PathLike, **options: Unpack[o.AlignOptions]) -> r.Aligned:
+    """Moves everything that a run holds to a reference, by one shift east, north and up; ``RUN/align.json`` records it.
+
+    Args:
+        run: Run folder of :func:`adjust`, or of later stages.
+        to: A surface model (a raster on a map in metres), lidar points (``.las``, ``.laz``), or ground control points
+            (``.csv``).
+        **options: See :class:`satgs.options.AlignOptions`.
+
+    Raises:
+        InputError: The run or the reference is wrong, or they have no ground in common.
+        FailedError: A file cannot be written; nothing is moved then.
+    """
+    return _only(r.Aligned, "align", {"run": run, "to": to, **options})
+
+
+@calls("render", o.RenderOptions)
+def render(run: PathLike, output: PathLike, **options: Unpack[o.RenderOptions]) -> r.Rendered:
+    """Renders images of a trained run from any direction, under any sun; of photographs from their own cameras.
+
+    Args:
+        run: Run folder of :func:`train`.
+        output: The image: ``.png`` of colours, or ``.tif`` of colours and heights as float32.
+        **options: See :class:`satgs.options.RenderOptions`. One of ``like``, ``view`` and ``visibility`` is needed.
+
+    Raises:
+        InputError: The run is not trained, or an option is wrong.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.Rendered, "render", {"run": run, "output": output, **options})
+
+
+@calls("nvs-eval", o.NvsEvalOptions)
+def nvs_eval(run: PathLike, **options: Unpack[o.NvsEvalOptions]) -> r.NvsScores:
+    """Scores rendered images of a trained run against images that were held back from training.
+
+    Args:
+        run: Run folder of :func:`train`.
+        **options: See :class:`satgs.options.NvsEvalOptions`.
+
+    Raises:
+        InputError: The run is not trained, or there is no view to score.
+    """
+    return _only(r.NvsScores, "nvs_eval", {"run": run, **options})
+
+
+@calls("mesh", o.MeshOptions)
+def mesh(source: PathLike, output: PathLike, **options: Unpack[o.MeshOptions]) -> r.MeshSummary:
+    """Makes a mesh with walls and colours of a run, or of a scene with depth maps.
+
+    Args:
+        source: Run folder of :func:`train`, or a scene with depth maps.
+        output: The mesh (``.ply``, ``.obj``, ``.glb``).
+        **options: See :class:`satgs.options.MeshOptions`.
+
+    Raises:
+        InputError: The input has no depths, or an option is wrong.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.MeshSummary, "mesh", {"source": source, "output": output, **options})
+
+
+@calls("mesh-eval", o.MeshEvalOptions)
+def mesh_eval(mesh: PathLike, reference: PathLike, **options: Unpack[o.MeshEvalOptions]) -> r.MeshEvaluation:
+    """Scores a mesh against a reference: accuracy, completeness, precision, recall, F1, chamfer distance.
+
+    Args:
+        mesh: The mesh (``.ply``, ``.obj``).
+        reference: The reference (``.ply``, ``.obj``).
+        **options: See :class:`satgs.options.MeshEvalOptions`.
+
+    Raises:
+        InputError: A file cannot be read, or an option is wrong.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.MeshEvaluation, "mesh_eval", {"mesh": mesh, "reference": reference, **options})
+
+
+@calls("prior", o.PriorOptions)
+def prior(scene: PathLike, output: PathLike, **options: Unpack[o.PriorOptions]) -> r.MadePriors:
+    """Makes maps of depths or normals of the images of a scene of photographs, by a network, a command or matching.
+
+    Args:
+        scene: The scene.
+        output: Folder of the maps, which training takes as ``depth_prior`` or ``normal_prior``.
+        **options: See :class:`satgs.options.PriorOptions`.
+
+    Raises:
+        InputError: The scene or an option is wrong, or the folder holds maps of other makers or images.
+        FailedError: A file cannot be written, or the command failed.
+    """
+    return _only(r.MadePriors, "prior", {"scene": scene, "output": output, **options})
+
+
+@calls("predict", o.PredictOptions)
+def predict(run: PathLike, output: PathLike, **options: Unpack[o.PredictOptions]) -> r.Predicted:
+    """Predicts splats from points in one pass, in seconds instead of minutes of training (Point2GS).
+
+    Args:
+        run: Run folder with adjusted cameras, a scene of photographs, or its run.
+        output: The run folder to write, on which all calls work that take trained runs.
+        **options: See :class:`satgs.options.PredictOptions`.
+
+    Raises:
+        InputError: The run, the points or the model cannot be used, or the output holds something else.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.Predicted, "predict", {"run": run, "output": output, **options})
+
+
+@calls("learn", o.LearnOptions)
+def learn(out: PathLike, **options: Unpack[o.LearnOptions]) -> r.Learned | r.WrittenModel:
+    """Trains the network by which :func:`predict` makes splats, on simulated towns or on photographs with depth maps.
+
+    A training that is interrupted goes on with the same call, and gives the same model.
+
+    Args:
+        out: The model to write (``.safetensors``); with ``start`` alone also ``.onnx``.
+        **options: See :class:`satgs.options.LearnOptions`.
+
+    Raises:
+        InputError: An option is wrong.
+        FailedError: A file cannot be written.
+    """
+    is_written_only = options.get("start") is not None and not options.get("scenes")
+    result: type[r.Learned | r.WrittenModel] = r.WrittenModel if is_written_only else r.Learned
+    return _only(result, "learn", {"out": out, **options})
+
+
+@calls("export", o.ExportOptions)
+def export(run: PathLike, **options: Unpack[o.ExportOptions]) -> r.ExportedViews | r.ExportedPly:
+    """Exports a run for other programs: a COLMAP project, or splats in another variant of PLY.
+
+    Args:
+        run: Run folder of :func:`adjust` or :func:`train`.
+        **options: See :class:`satgs.options.ExportOptions`.
+
+    Raises:
+        InputError: The run holds nothing to export, the output exists, or an option is wrong.
+        FailedError: A file cannot be written.
+    """
+    result: type[r.ExportedViews | r.ExportedPly] = r.ExportedPly if options.get("ply") else r.ExportedViews
+    return _only(result, "export", {"run": run, **options})
+
+
+@calls("simulate", o.SimulateOptions)
+def simulate(out: PathLike, **options: Unpack[o.SimulateOptions]) -> r.Simulated:
+    """Simulates a scene with a known answer: satellite images of a town, a mountain or a surface, photographs of a room or
+    from the air.
+
+    Args:
+        out: Folder for the scene.
+        **options: See :class:`satgs.options.SimulateOptions`.
+
+    Raises:
+        InputError: An option is wrong, or the folder holds an earlier simulation.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.Simulated, "simulate", {"out": out, **options})
+
+
+@calls("plan", o.PlanOptions)
+def plan(scene: PathLike, run: PathLike, **options: Unpack[o.PlanOptions]) -> r.Planned:
+    """Plans the tiles of a large scene: writes ``RUN/tiles.json`` with the predicted time and memory of each.
+
+    Args:
+        scene: As for :func:`adjust`.
+        run: The run folder. It is adjusted first if it is not yet.
+        **options: See :class:`satgs.options.PlanOptions`.
+
+    Raises:
+        InputError: The scene or an option is wrong, or the run folder was made from something else or is in use.
+        FailedError: A file cannot be written, or no solution was found.
+    """
+    adjusted, planned = run_command("plan", {"scene": scene, "run": run, **options})
+    return r.Planned(_result(r.Adjusted, adjusted), _result(r.Plan, planned))
+
+
+@calls("tile run", o.TileRunOptions)
+def tile_run(run: PathLike, id: str, **options: Unpack[o.TileRunOptions]) -> r.TileDone:
+    """Trains and renders one tile of a plan: writes ``RUN/tiles/ID``.
+
+    Args:
+        run: Run folder of :func:`plan`.
+        id: ID of the tile.
+        **options: See :class:`satgs.options.TileRunOptions`.
+
+    Raises:
+        InputError: There is no such plan or tile, or what it was made from has changed.
+        FailedError: A file cannot be written, or the machine has too little memory or disk.
+    """
+    return _only(r.TileDone, "tile_run", {"run": run, "id": id, **options})
+
+
+@calls("tile blend", o.TileBlendOptions)
+def tile_blend(run: PathLike, id: str, **options: Unpack[o.TileBlendOptions]) -> r.Blended:
+    """Blends one tile with its neighbours, which must be done: writes ``RUN/mosaic/ID_*.tif``.
+
+    Args:
+        run: Run folder of :func:`plan`.
+        id: ID of the tile.
+        **options: See :class:`satgs.options.TileBlendOptions`.
+
+    Raises:
+        InputError: There is no such plan or tile, or a neighbour is not done.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.Blended, "tile_blend", {"run": run, "id": id, **options})
+
+
+@calls("tile status", o.Reporting)
+def tile_status(run: PathLike, **options: Unpack[o.Reporting]) -> r.Status:
+    """Says which tiles are done, running, planned or failed.
+
+    Args:
+        run: Run folder of :func:`plan`.
+        **options: See :class:`satgs.options.Reporting`.
+
+    Raises:
+        InputError: There is no such plan.
+    """
+    return _only(r.Status, "tile_status", {"run": run, **options})
+
+
+@calls("mosaic", o.Reporting)
+def mosaic(run: PathLike, **options: Unpack[o.Reporting]) -> r.Mosaicked:
+    """Joins the tiles of a plan: writes ``RUN/dsm.tif``, ``ortho.tif``, ``confidence.tif``, ``seams.gpkg`` and ``report.html``.
+
+    Tiles that are not done leave no data; the result lists them, and a warning says it.
+
+    Args:
+        run: Run folder of :func:`plan`.
+        **options: See :class:`satgs.options.Reporting`.
+
+    Raises:
+        InputError: There is no such plan, or no tile is done.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.Mosaicked, "mosaic", {"run": run, **options})
+
+
+@calls("report", o.Reporting)
+def report(run: PathLike, **options: Unpack[o.Reporting]) -> Path:
+    """Writes ``RUN/report.html``: all that the run holds on one page. Returns its path.
+
+    Args:
+        run: The run folder.
+        **options: See :class:`satgs.options.Reporting`.
+
+    Raises:
+        InputError: The folder is no run.
+        FailedError: A file cannot be written.
+    """
+    (figures,) = run_command("report", {"run": run, **options})
+    return _page(figures)
+
+
+@calls("view", o.ViewOptions)
+def view(run: PathLike, html: PathLike, **options: Unpack[o.ViewOptions]) -> r.WrittenPage:
+    """Writes a page that shows a run in the browser: splats, mesh, surface model, sparse points and cameras.
+
+    Args:
+        run: Run folder of :func:`train`, or of a tile.
+        html: The page (``.html``), one file that opens without satgs and without a network.
+        **options: See :class:`satgs.options.ViewOptions`.
+
+    Raises:
+        InputError: The run holds nothing to show, or the file exists.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.WrittenPage, "view", {"run": run, "html": html, **options})
+
+
+@calls("rpc convert", o.RpcConvertOptions)
+def rpc_convert(file: PathLike, out: PathLike, **options: Unpack[o.RpcConvertOptions]) -> r.ConvertedRpc:
+    """Writes a camera in another format, with 17 significant digits.
+
+    Args:
+        file: RPC file, or image with its RPC inside or beside it.
+        out: The file to write; its ending sets the format: ``.txt``, ``.rpb``, ``.json``, or ``.tif`` with ``image``.
+        **options: See :class:`satgs.options.RpcConvertOptions`.
+
+    Raises:
+        InputError: The camera cannot be read, or the output exists.
+        FailedError: The output cannot be written.
+    """
+    return _only(r.ConvertedRpc, "rpc_convert", {"file": file, "out": out, **options})
+
+
+@calls("rpc compare", o.RpcOptions)
+def rpc_compare(first: PathLike, second: PathLike, **options: Unpack[o.RpcOptions]) -> r.RpcDifference:
+    """Compares two cameras over the volume of the first.
+
+    Args:
+        first: RPC file or image, whose volume is used.
+        second: RPC file or image.
+        **options: See :class:`satgs.options.RpcOptions`.
+
+    Raises:
+        InputError: A camera cannot be read, or they see no common ground.
+    """
+    return _only(r.RpcDifference, "rpc_compare", {"first": first, "second": second, **options})
+
+
+@calls("rpc fit", o.RpcFitOptions)
+def rpc_fit(file: PathLike, **options: Unpack[o.RpcFitOptions]) -> r.RpcFit:
+    """Fits affine and quadratic cameras to an RPC over a box, and says how far they are from it.
+
+    Args:
+        file: RPC file or image.
+        **options: See :class:`satgs.options.RpcFitOptions`.
+
+    Raises:
+        InputError: The camera cannot be read, or sees no ground in the box.
+    """
+    return _only(r.RpcFit, "rpc_fit", {"file": file, **options})
 
 
 def set_threads(threads: int) -> None:
@@ -314,31 +484,24 @@ def set_threads(threads: int) -> None:
     _satgs.set_threads(threads)
 
 
-def _adjusted(figures: tuple[str | None, bool]) -> Adjusted:
-    return from_json(Adjusted, _recorded(figures), was_complete=figures[1])
+def _only(result: type[T], call: str, arguments: Mapping[str, object]) -> T:
+    """The result of a command of one stage."""
+    (figures,) = run_command(call, arguments)
+    return _result(result, figures)
 
 
-def _trained(figures: tuple[str | None, bool]) -> Trained:
-    return from_json(Trained, _recorded(figures), was_complete=figures[1])
+def _result(result: type[T], figures: Figures) -> T:
+    has_flag = any(f.name == "was_complete" for f in dataclasses.fields(result))  # type: ignore[arg-type]
+    more = {"was_complete": figures[2]} if has_flag else {}
+    return from_json(result, _recorded(figures), **more)
 
 
-def _dsm_summary(figures: tuple[str | None, bool]) -> DsmSummary:
-    return from_json(DsmSummary, _recorded(figures), was_complete=figures[1])
+def _page(figures: Figures) -> Path:
+    return Path(json.loads(_recorded(figures))["page"])
 
 
-def _mosaicked(figures: tuple[str | None, bool]) -> Mosaicked:
-    return from_json(Mosaicked, _recorded(figures), was_complete=figures[1])
-
-
-def _recorded(figures: tuple[str | None, bool]) -> str:
-    if figures[0] is None:
+def _recorded(figures: Figures) -> str:
+    if figures[1] is None:
         message = "the stage is complete, but `summary.json` with its figures is missing in the run folder"
         raise FailedError(message, "overwrite=True makes it anew")
-    return figures[0]
-
-
-def _warn(event: Event) -> None:
-    """The callback of calls that have none."""
-    if isinstance(event, events.Warning):
-        # Seen from the line that called satgs.
-        warnings.warn(event.text, SatgsWarning, stacklevel=3)
+    return figures[1]

@@ -47,8 +47,12 @@ class Rpc:
         Raises:
             InputError: The file cannot be read, or no RPC belongs to the image.
         """
+        return cls._of(_satgs.Rpc.read(path, trust_rpc=trust_rpc))
+
+    @classmethod
+    def _of(cls, camera: _satgs.Rpc) -> Rpc:
         rpc = cls.__new__(cls)
-        rpc._camera = _satgs.Rpc.read(path, trust_rpc=trust_rpc)
+        rpc._camera = camera
         return rpc
 
     def project(

@@ -1,13 +1,28 @@
 import os
 from collections.abc import Callable, Mapping
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from satgs.events import Event
 
-__all__ = ["Rpc", "__version__", "adjust", "command", "compare", "dsm", "run", "set_threads", "train"]
+__all__ = [
+    "Rpc",
+    "SceneView",
+    "__version__",
+    "arguments",
+    "call",
+    "command",
+    "read_points",
+    "read_raster",
+    "read_scene",
+    "render_splats",
+    "set_threads",
+    "splat_table",
+    "transform_splats",
+    "write_splats",
+]
 
 __version__: str
 
@@ -51,18 +66,40 @@ class Rpc:
     def warnings(self) -> tuple[str, ...]: ...
     def __eq__(self, other: object, /) -> bool: ...
 
-_Options = Mapping[str, object]
+@final
+class SceneView:
+    def describe(self) -> dict[str, Any]: ...
+    def image(self) -> NDArray[np.float32]: ...
+    def depth(self) -> NDArray[np.float32] | None: ...
+    def footprint(self, height_m: float) -> list[list[float]] | None: ...
+
 _Progress = Callable[[Event], None]
 _Path = str | os.PathLike[str]
+_Groups = Mapping[str, NDArray[np.float32] | None]
+_Triple = tuple[float, float, float]
+_Camera = tuple[
+    tuple[float, float], tuple[float, float], tuple[_Triple, _Triple, _Triple], _Triple, tuple[int, int]
+]
 
-def adjust(scene: _Path, run: _Path, options: _Options, progress: _Progress) -> tuple[str | None, bool]: ...
-def train(run: _Path, options: _Options, progress: _Progress) -> tuple[str | None, bool]: ...
-def dsm(run: _Path, options: _Options, progress: _Progress) -> tuple[str | None, bool]: ...
-def compare(
-    dsm: _Path, truth: _Path, output: _Path | None, options: _Options, progress: _Progress
-) -> str: ...
-def run(
-    scene: _Path, run: _Path, options: _Options, progress: _Progress
-) -> list[tuple[str, tuple[str | None, bool]]]: ...
+def call(words: list[str], progress: _Progress) -> list[tuple[str, str | None, bool]]: ...
+def arguments() -> str: ...
 def set_threads(threads: int) -> None: ...
 def command(words: list[str]) -> int: ...
+def read_raster(
+    path: _Path,
+) -> tuple[
+    NDArray[Any],
+    tuple[float, float, float, float, float, float] | None,
+    str,
+    int | None,
+    float | None,
+    list[str],
+]: ...
+def read_points(path: _Path) -> tuple[NDArray[np.float64], NDArray[np.uint16], int | None]: ...
+def splat_table(path: _Path) -> tuple[int, int, list[str]]: ...
+def write_splats(path: _Path, groups: _Groups, site: tuple[int, _Triple] | None) -> None: ...
+def transform_splats(
+    groups: _Groups, scale: float, rotation: list[list[float]], translation: list[float]
+) -> dict[str, Any]: ...
+def render_splats(groups: _Groups, camera: _Camera, nearest: float) -> dict[str, Any]: ...
+def read_scene(words: list[str], progress: _Progress) -> tuple[list[SceneView], dict[str, Any]]: ...

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Union
+from importlib import import_module
+from typing import Any, Union
 
 
 @dataclass(frozen=True)
@@ -86,3 +87,38 @@ Event = Union[Started, Advanced, Finished, Resumable, Note, Warning]
 
 Progress = Callable[[Event], None]
 """A progress callback."""
+
+
+class ProgressBars:
+    """A progress callback that shows a bar of tqdm for each step, and prints notes and warnings above it.
+
+    ``progress=True`` makes one.
+
+    Raises:
+        ImportError: tqdm is not installed.
+    """
+
+    def __init__(self) -> None:
+        try:
+            self._tqdm: Any = import_module("tqdm.auto").tqdm
+        except ImportError as error:
+            raise ImportError("progress=True shows bars of tqdm, which is not installed: pip install tqdm") from error
+        self._bar: Any = None
+
+    def __call__(self, event: Event) -> None:
+        if isinstance(event, Started):
+            self._close()
+            self._bar = self._tqdm(total=event.total or None, desc=event.stage)
+        elif isinstance(event, Advanced) and self._bar is not None:
+            self._bar.update(event.done - self._bar.n)
+            self._bar.set_postfix_str(event.status)
+        elif isinstance(event, Finished):
+            self._close()
+        elif isinstance(event, (Note, Warning)):
+            word = "warning: " if isinstance(event, Warning) else ""
+            self._tqdm.write(word + event.text)
+
+    def _close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

@@ -1,13 +1,16 @@
 //! `satgs._satgs`: what the Python package calls in the library. It holds no algorithm.
 //!
-//! `rpc` is the camera, `calls` has one function for each call of `satgs::pipeline`, `options` reads their keyword
-//! arguments, `work` runs them beside Python, `error` turns failures into Python's exceptions. The public functions with
-//! their signatures and documentation are in the Python files of the folder `satgs`.
+//! `rpc` is the camera, `calls` the commands, `work` runs them beside Python, `files`, `splats` and `scene` give what they
+//! read and write as arrays, `error` turns failures into Python's exceptions. The public functions with their signatures and
+//! documentation are in the Python files of the folder `satgs`.
 
+mod arrays;
 mod calls;
 mod error;
-mod options;
+mod files;
 mod rpc;
+mod scene;
+mod splats;
 mod work;
 
 use pyo3::prelude::*;
@@ -16,14 +19,19 @@ use pyo3::prelude::*;
 fn _satgs(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<rpc::Rpc>()?;
+    module.add_class::<scene::SceneView>()?;
     for function in [
-        wrap_pyfunction!(calls::adjust, module)?,
-        wrap_pyfunction!(calls::train, module)?,
-        wrap_pyfunction!(calls::dsm, module)?,
-        wrap_pyfunction!(calls::compare, module)?,
-        wrap_pyfunction!(calls::run, module)?,
+        wrap_pyfunction!(calls::call, module)?,
+        wrap_pyfunction!(calls::arguments, module)?,
         wrap_pyfunction!(calls::set_threads, module)?,
         wrap_pyfunction!(calls::command, module)?,
+        wrap_pyfunction!(files::read_raster, module)?,
+        wrap_pyfunction!(files::read_points, module)?,
+        wrap_pyfunction!(splats::splat_table, module)?,
+        wrap_pyfunction!(splats::write_splats, module)?,
+        wrap_pyfunction!(splats::transform_splats, module)?,
+        wrap_pyfunction!(splats::render_splats, module)?,
+        wrap_pyfunction!(scene::read_scene, module)?,
     ] {
         module.add_function(function)?;
     }

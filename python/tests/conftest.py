@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import satgs
+from satgs.results import _json
 
 ROOT = Path(__file__).resolve().parents[2]
 TOWN = ROOT / "data" / "town"
@@ -22,6 +23,16 @@ def data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder} (SATGS_DATA names another place)")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def unknown_keys_are_errors() -> None:
+    """What a command prints has a field in the result."""
+
+    def refuse(kind: type, keys: set[str]) -> None:
+        assert not keys, f"{kind.__name__} has no field for {sorted(keys)}"
+
+    _json.report_unknown = refuse
 
 
 @pytest.fixture(scope="session")

@@ -35,7 +35,24 @@ def surface(scene: Path, run: Path) -> float:
         print(trained.splats, made.grid.epsg)
         evaluation: satgs.Evaluation = satgs.compare(run / "dsm.tif", "lidar.laz", truth_epsg=32617)
         everything: satgs.RunResult = satgs.run(scene, run, suns={"a": (150.0, 50.0)}, truth="lidar.laz")
-        return evaluation.after("xyz").mae_m + everything.adjusted.mean_px
+        mean_px = 0.0 if everything.adjusted is None else everything.adjusted.mean_px
+        return evaluation.after("xyz").mae_m + mean_px
     except satgs.InputError as error:
         print(error.message, error.hint or "")
         raise
+
+
+def pictures(scene: Path, run: Path) -> NDArray[np.float32]:
+    options: satgs.options.RunOptions = {"iterations": 5, "test_views": 4, "progress": True}
+    satgs.run(scene, run, **options)
+    opened = satgs.Run(run)
+    heights: NDArray[np.float32] = opened.dsm.values
+    splats = opened.splats.crop((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)).transform(2.0)
+    camera = satgs.PinholeCamera.looking_at((0.0, 0.0, 5.0), (1.0, 0.0, 0.0), size=(64, 48), focal_px=60.0)
+    read = satgs.Scene.read(scene, downsampling=2)
+    view = read.views[0]
+    if isinstance(view.camera, satgs.Rpc):
+        print(view.camera.height_range, view.sun, heights.shape)
+    info = satgs.info(scene)
+    print(info.ground.epsg if isinstance(info, satgs.results.SatelliteInfo) else info.layout)
+    return splats.render(camera).colors

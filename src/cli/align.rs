@@ -49,5 +49,5 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     } else {
         format!("`{}` is aligned already: {text}", args.run.display())
     };
-    ui.summary("align", Some(&text), &aligned)
+    ui.summary_of("align", Some(&text), &aligned, !aligned.was_moved)
 }

@@ -150,20 +150,22 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let scene = args.read_scene(ui)?;
     let adjusted = adjust(&scene, &args.options(), &args.output, ui)?;
     show(&adjusted, ui)?;
-    require_all(&args.output, adjusted.left_out())
+    require_all(&args.output, adjusted.left_out(), ui)
 }
 
 /// Shows the summary of an adjustment.
 pub fn show(adjusted: &Adjusted, ui: &Ui) -> Result<(), CliError> {
-    let text = adjusted.seconds.filter(|_| !adjusted.was_complete);
-    let text = text.map(|seconds| {
+    if adjusted.was_complete {
+        return ui.kept("ba", Some(adjusted));
+    }
+    let text = adjusted.seconds.map(|seconds| {
         format!("{}display gamma {}; adjusted in {seconds:.1} s", adjusted.report.table(), adjusted.gamma)
     });
     ui.summary("ba", text.as_deref(), adjusted)
 }
 
 /// Views that were left out make an adjustment partial.
-pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), CliError> {
+pub fn require_all(run: &Path, left_out: &[LeftOut], ui: &Ui) -> Result<(), CliError> {
     if left_out.is_empty() {
         return Ok(());
     }
@@ -171,7 +173,7 @@ pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), CliError> {
     let message = format!("adjusted without {}", names.join(", "));
     let report = run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT);
     let hint = format!("`{}` gives the reasons; everything else is complete", report.display());
-    Err(CliError::partial(message, hint))
+    ui.partial(message, hint)
 }
 
 /// A run folder among the images would be read as part of the scene the next time.

@@ -6,12 +6,12 @@ use serde_json::{Value, json};
 
 /// Prints every event as one JSON object a line, and passes it on.
 pub struct EventLines<'a> {
-    ui: &'a Ui,
+    ui: &'a Ui<'a>,
 }
 
 impl<'a> EventLines<'a> {
     /// Events go to standard output and to the user.
-    pub fn new(ui: &'a Ui) -> Self {
+    pub fn new(ui: &'a Ui<'a>) -> Self {
         Self { ui }
     }
 

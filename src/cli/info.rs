@@ -8,6 +8,7 @@ use crate::estimate::{BEST_CONVERGENCE_DEG, Cost, Imaging, best_convergence_deg}
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::mvs::DSM_CELL_M;
 use crate::perspective::PerspectiveScene;
+use crate::progress::{Event, Progress};
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use crate::splat::recipe::Recipe;
 use crate::tiles::PlanOptions;
@@ -46,22 +47,46 @@ pub struct Args {
     overwrite: bool,
 }
 
+/// A scene of either kind.
+#[derive(Debug)]
+pub enum ReadScene {
+    /// Images with RPCs.
+    Satellites(Box<Scene>),
+    /// Images with pinhole cameras.
+    Photographs(Box<PerspectiveScene>),
+}
+
+impl Args {
+    /// Reads the scene and shows its warnings.
+    pub(super) fn read(&self, ui: &Ui) -> Result<ReadScene, CliError> {
+        let path = self.scene.path();
+        if PerspectiveScene::is_one(path) {
+            ui.given().require_of(SceneKind::Photographs, path)?;
+            let scene = PerspectiveScene::read(path, &self.perspective.options())?;
+            for warning in scene.georeference.iter().flat_map(|g| g.warnings()) {
+                ui.event(Event::Warning(warning.clone()));
+            }
+            return Ok(ReadScene::Photographs(Box::new(scene)));
+        }
+        ui.given().require_of(SceneKind::Satellites, path)?;
+        Ok(ReadScene::Satellites(Box::new(self.scene.read(None, ui)?)))
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     if splat_info::is_one(args.scene.path()) {
         return splat_info::run(args.scene.path(), ui);
     }
-    if PerspectiveScene::is_one(args.scene.path()) {
-        ui.given().require_of(SceneKind::Photographs, args.scene.path())?;
-        return perspective_info::run(args.scene.path(), &args.perspective.options(), ui);
-    }
-    ui.given().require_of(SceneKind::Satellites, args.scene.path())?;
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         if file.exists() && !args.overwrite {
             return Err(CliError::input(format!("`{}` exists", file.display()), "--overwrite replaces it"));
         }
     }
-    let scene = args.scene.read(None, ui)?;
+    let scene = match args.read(ui)? {
+        ReadScene::Satellites(scene) => scene,
+        ReadScene::Photographs(scene) => return perspective_info::run(args.scene.path(), &scene, ui),
+    };
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         check_writable(file)?;
     }

@@ -1,5 +1,6 @@
 //! The command line: arguments in, a library call, a summary out. It holds no algorithm.
 
+mod called;
 mod error;
 mod event_lines;
 mod interrupt;
@@ -33,12 +34,14 @@ mod tile;
 mod train;
 mod view;
 
+pub use called::{ReadScene, arguments, call, read_scene};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
 pub use perspective_args::PerspectiveArgs;
 pub use scene_args::SceneArgs;
+use std::ffi::OsString;
 use std::path::PathBuf;
-pub use ui::Ui;
+pub use ui::{StageSummary, Ui};
 
 /// Make a digital surface model, an orthophoto, corrected cameras and a Gaussian-splat model from a few satellite images
 /// with RPC cameras.
@@ -123,13 +126,8 @@ pub fn main() -> std::process::ExitCode {
 /// Parses a command line, whose first word is the program's name, runs one command, reports its error; returns the exit
 /// code.
 #[must_use]
-pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
-    let mut program = Cli::command();
-    let parsed = program.try_get_matches_from_mut(words).and_then(|matches| {
-        let cli = Cli::from_arg_matches(&matches).map_err(|e| e.format(&mut program))?;
-        Ok((cli, scene_kind::Given::of(&program, &matches)))
-    });
-    let (cli, given) = match parsed {
+pub fn run_command_line(words: impl IntoIterator<Item = OsString>) -> u8 {
+    let (cli, given) = match parse(words) {
         Ok(parsed) => parsed,
         Err(e) => {
             // Help and version are no errors; clap prints each to its own stream and knows its exit code.
@@ -141,31 +139,8 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
             return u8::try_from(code).unwrap_or(ExitStatus::WrongInput as u8);
         }
     };
-    let ui = Ui::new(&cli.common, given);
-    let result = ui.set_up().and_then(|()| match &cli.command {
-        Command::Simulate(args) => simulate::run(args, &ui),
-        Command::Info(args) => info::run(args, &ui),
-        Command::Rpc(args) => rpc::run(args, &ui),
-        Command::Ba(args) => ba::run(args, &ui),
-        Command::Align(args) => align::run(args, &ui),
-        Command::Train(args) => train::run(args, &ui),
-        Command::Dsm(args) => dsm::run(args, &ui),
-        Command::DsmEval(args) => dsm_eval::run(args, &ui),
-        Command::Render(args) => render::run(args, &ui),
-        Command::NvsEval(args) => nvs_eval::run(args, &ui),
-        Command::Mesh(args) => mesh::run(args, &ui),
-        Command::MeshEval(args) => mesh_eval::run(args, &ui),
-        Command::Prior(args) => prior::run(args, &ui),
-        Command::Predict(args) => predict::run(args, &ui),
-        Command::Learn(args) => learn::run(args, &ui),
-        Command::Run(args) => run::run(args, &ui),
-        Command::Plan(args) => plan::run(args, &ui),
-        Command::Tile(args) => tile::run(args, &ui),
-        Command::Mosaic(args) => mosaic::run(args, &ui),
-        Command::Report(args) => report::run(args, &ui),
-        Command::View(args) => view::run(args, &ui),
-        Command::Export(args) => export::run(args, &ui),
-    });
+    let ui = Ui::new(&cli.common, given, None);
+    let result = ui.set_up().and_then(|()| run(&cli.command, &ui));
     if result.as_ref().err().is_none_or(CliError::is_partial) {
         ui.finish_json();
     }
@@ -175,6 +150,42 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
     errors.iter().for_each(|error| ui.report(error));
     let decides = errors.iter().find(|error| !error.is_partial()).or(errors.first());
     decides.map_or(0, |error| error.status as u8)
+}
+
+/// Parses a command line, whose first word is the program's name.
+fn parse(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, scene_kind::Given), clap::Error> {
+    let mut program = Cli::command();
+    let matches = program.try_get_matches_from_mut(words)?;
+    let cli = Cli::from_arg_matches(&matches).map_err(|e| e.format(&mut program))?;
+    Ok((cli, scene_kind::Given::of(&program, &matches)))
+}
+
+/// Runs a command.
+fn run(command: &Command, ui: &Ui) -> Result<(), CliError> {
+    match command {
+        Command::Simulate(args) => simulate::run(args, ui),
+        Command::Info(args) => info::run(args, ui),
+        Command::Rpc(args) => rpc::run(args, ui),
+        Command::Ba(args) => ba::run(args, ui),
+        Command::Align(args) => align::run(args, ui),
+        Command::Train(args) => train::run(args, ui),
+        Command::Dsm(args) => dsm::run(args, ui),
+        Command::DsmEval(args) => dsm_eval::run(args, ui),
+        Command::Render(args) => render::run(args, ui),
+        Command::NvsEval(args) => nvs_eval::run(args, ui),
+        Command::Mesh(args) => mesh::run(args, ui),
+        Command::MeshEval(args) => mesh_eval::run(args, ui),
+        Command::Prior(args) => prior::run(args, ui),
+        Command::Predict(args) => predict::run(args, ui),
+        Command::Learn(args) => learn::run(args, ui),
+        Command::Run(args) => run::run(args, ui),
+        Command::Plan(args) => plan::run(args, ui),
+        Command::Tile(args) => tile::run(args, ui),
+        Command::Mosaic(args) => mosaic::run(args, ui),
+        Command::Report(args) => report::run(args, ui),
+        Command::View(args) => view::run(args, ui),
+        Command::Export(args) => export::run(args, ui),
+    }
 }
 
 /// A length above 0.

@@ -29,10 +29,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         Some(m) if !m.failed.is_empty() => {
             let ids: Vec<&str> = m.failed.iter().map(|tile| tile.id.as_str()).collect();
             let message = format!("the mosaic has no data in {}", ids.join(", "));
-            Err(CliError::partial(
-                message,
-                format!("`{}` gives the reasons", args.run.join(FAILED).display()),
-            ))
+            ui.partial(message, format!("`{}` gives the reasons", args.run.join(FAILED).display()))
         }
         _ => Ok(()),
     }

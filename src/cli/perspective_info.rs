@@ -2,7 +2,7 @@
 
 use super::{CliError, Ui};
 use crate::perspective::colmap::Reprojection;
-use crate::perspective::{LensModel, PerspectiveOptions, PerspectiveScene, PerspectiveView, PoseCheck};
+use crate::perspective::{LensModel, PerspectiveScene, PerspectiveView, PoseCheck};
 use crate::progress::{Event, Progress};
 use crate::scene::Role;
 use serde_json::{Value, json};
@@ -12,22 +12,18 @@ use std::path::Path;
 /// Names that are listed of what was left out and of the test views.
 const LISTED: usize = 5;
 
-/// Reads the scene and shows it.
-pub fn run(path: &Path, options: &PerspectiveOptions, ui: &Ui) -> Result<(), CliError> {
-    let scene = PerspectiveScene::read(path, options)?;
+/// Shows a scene that was read from `path`.
+pub fn run(path: &Path, scene: &PerspectiveScene, ui: &Ui) -> Result<(), CliError> {
     let reprojection = PerspectiveScene::reprojection(path)?;
-    let lenses = lenses(&scene);
+    let lenses = lenses(scene);
     let check = PoseCheck::of(&scene.views, &scene.points);
-    let text = text(&scene, &lenses, reprojection) + &check.to_string() + "\n";
-    for warning in scene.georeference.iter().flat_map(|g| g.warnings()) {
-        ui.event(Event::Warning(warning.clone()));
-    }
+    let text = text(scene, &lenses, reprojection) + &check.to_string() + "\n";
     let rejected = scene.rejected_registration.iter().map(ToString::to_string);
     let changed = reprojection.and_then(|r| r.warning());
     for warning in rejected.chain(changed).chain(check.warnings()) {
         ui.event(Event::Warning(warning));
     }
-    let mut summary = summary(&scene, &lenses, reprojection);
+    let mut summary = summary(scene, &lenses, reprojection);
     summary["poses"] = json!(check);
     ui.summary("info", Some(&text), &summary)
 }

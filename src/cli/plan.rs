@@ -96,7 +96,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let adjusted = adjust(&scene, &args.ba.options(), run, ui)?;
     ba::show(&adjusted, ui)?;
     show(run, &plan(run, &options, ui)?, ui)?;
-    ba::require_all(run, adjusted.left_out())
+    ba::require_all(run, adjusted.left_out(), ui)
 }
 
 /// Shows the summary of a plan.

@@ -90,8 +90,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         overwrite: args.overwrite,
     };
     let outcome = predict(&args.run, &args.output, &options, ui)?;
-    let text = outcome.summary().map(|summary| text(args, summary));
-    ui.summary("predict", text.as_deref(), &outcome.summary())
+    ui.outcome("predict", &outcome, |summary| text(args, summary))
 }
 
 fn text(args: &Args, s: &Predicted) -> String {

@@ -80,7 +80,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     };
     run_all(&scene, &options, run, ui, &mut show)?;
     shown?;
-    ba::require_all(run, &left_out)
+    ba::require_all(run, &left_out, ui)
 }
 
 /// Shows the summary of a stage.

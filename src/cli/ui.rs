@@ -12,14 +12,27 @@ use std::time::{Duration, Instant};
 /// Without a terminal a long stage still says where it is, this often.
 const LINE_EVERY: Duration = Duration::from_secs(60);
 
-/// The user's side of a command.
-pub struct Ui {
+/// The user's side of a command, or that of a program that calls it.
+pub struct Ui<'a> {
     common: Common,
     given: Given,
-    summaries: Mutex<serde_json::Map<String, serde_json::Value>>,
+    /// The program that called the command: it receives what a user would see.
+    caller: Option<&'a dyn Progress>,
+    summaries: Mutex<Vec<StageSummary>>,
     stage: Mutex<Option<Stage>>,
     /// Why standard output did not take everything.
     lost: Mutex<Option<std::io::Error>>,
+}
+
+/// What a command says of a stage when it is complete.
+#[derive(Clone, Debug)]
+pub struct StageSummary {
+    /// Name of the command that makes the stage.
+    pub stage: String,
+    /// Its figures; none if the stage was complete, and the record of its figures is gone.
+    pub figures: Option<serde_json::Value>,
+    /// Whether the stage was complete before.
+    pub was_complete: bool,
 }
 
 struct Stage {
@@ -29,13 +42,15 @@ struct Stage {
     bar: ProgressBar,
 }
 
-impl Ui {
-    /// From the options every command has, and those that were typed.
+impl<'a> Ui<'a> {
+    /// From the options every command has, and those that were typed. A user sees what the command says, unless a program
+    /// has called it.
     #[must_use]
-    pub(super) fn new(common: &Common, given: Given) -> Self {
+    pub(super) fn new(common: &Common, given: Given, caller: Option<&'a dyn Progress>) -> Self {
         Self {
             common: common.clone(),
             given,
+            caller,
             summaries: Mutex::default(),
             stage: Mutex::new(None),
             lost: Mutex::new(None),
@@ -80,10 +95,40 @@ impl Ui {
         text: Option<&str>,
         json: &impl serde::Serialize,
     ) -> Result<(), CliError> {
-        if let Some(text) = text.filter(|_| !self.common.json && !self.common.quiet) {
+        self.summary_of(stage, text, json, false)
+    }
+
+    /// As [`Ui::summary`], of a stage that may have been complete before, which the text says too.
+    pub fn summary_of(
+        &self,
+        stage: &str,
+        text: Option<&str>,
+        json: &impl serde::Serialize,
+        was_complete: bool,
+    ) -> Result<(), CliError> {
+        let is_shown = self.caller.is_none() && !self.common.json && !self.common.quiet;
+        if let Some(text) = text.filter(|_| is_shown) {
             self.print_out(text);
         }
-        locked(&self.summaries).insert(stage.into(), super::json(json)?);
+        self.record(stage, Some(super::json(json)?), was_complete);
+        Ok(())
+    }
+
+    /// The summary of a stage that was kept, if there is a record of it: only `--json` prints it.
+    pub fn kept(&self, stage: &str, json: Option<&impl serde::Serialize>) -> Result<(), CliError> {
+        self.record(stage, json.map(super::json).transpose()?, true);
+        Ok(())
+    }
+
+    fn record(&self, stage: &str, figures: Option<serde_json::Value>, was_complete: bool) {
+        let summary = StageSummary { stage: stage.into(), figures, was_complete };
+        locked(&self.summaries).push(summary);
+    }
+
+    /// The work is done but for a part: an error of the command, a warning of a call, whose result says it too.
+    pub(super) fn partial(&self, message: String, hint: String) -> Result<(), CliError> {
+        let Some(caller) = self.caller else { return Err(CliError::partial(message, hint)) };
+        caller.event(Event::Warning(message));
         Ok(())
     }
 
@@ -96,23 +141,32 @@ impl Ui {
     ) -> Result<(), CliError> {
         match outcome {
             Outcome::Made(summary) => self.summary(stage, Some(&text(summary)), summary),
-            Outcome::Kept(Some(summary)) => self.summary(stage, None, summary),
-            Outcome::Kept(None) => Ok(()),
+            Outcome::Kept(summary) => self.kept(stage, summary.as_ref()),
         }
     }
 
     /// With `--json`, prints the one stage's summary, or all stages' by name.
     pub(super) fn finish_json(&self) {
-        let summaries = std::mem::take(&mut *locked(&self.summaries));
+        let summaries = self.take_summaries();
         if self.common.json {
+            let known = summaries.into_iter().filter_map(|s| Some((s.stage, s.figures?)));
+            let summaries: serde_json::Map<_, _> = known.collect();
             let only = (summaries.len() == 1).then(|| summaries.values().next().cloned()).flatten();
             self.print_out(&only.unwrap_or(serde_json::Value::Object(summaries)).to_string());
         }
     }
 
+    /// The summaries of all stages, in the order in which they were complete.
+    pub(super) fn take_summaries(&self) -> Vec<StageSummary> {
+        std::mem::take(&mut *locked(&self.summaries))
+    }
+
     /// Prints a line on standard output, whatever else is asked for.
     pub(super) fn print_line(&self, text: &str) {
-        self.print_out(text);
+        match self.caller {
+            Some(caller) => caller.event(Event::Note(text.into())),
+            None => self.print_out(text),
+        }
     }
 
     fn print_out(&self, text: &str) {
@@ -190,8 +244,11 @@ impl Ui {
     }
 }
 
-impl Progress for Ui {
+impl Progress for Ui<'_> {
     fn event(&self, event: Event) {
+        if let Some(caller) = self.caller {
+            return caller.event(event);
+        }
         match event {
             Event::Started { stage, total } => self.start(stage, total),
             Event::Advanced { done, status } => self.advance(done, status),
@@ -211,7 +268,7 @@ impl Progress for Ui {
     }
 
     fn is_cancelled(&self) -> bool {
-        interrupt::is_requested()
+        self.caller.map_or_else(interrupt::is_requested, Progress::is_cancelled)
     }
 }
 

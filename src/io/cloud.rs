@@ -58,6 +58,35 @@ pub fn read_points(
     if found < expected { Err(CloudError::CutShort { path: path.into(), found, expected }) } else { Ok(()) }
 }
 
+/// The points of a LAS or LAZ file.
+#[derive(Clone, Debug, Default)]
+pub struct CloudContent {
+    /// Coordinates in the CRS of the file.
+    pub places: Vec<[f64; 3]>,
+    /// Red, green and blue, 0 to 65535; empty if the file has no colours.
+    pub colors: Vec<[u16; 3]>,
+    /// EPSG code of the horizontal CRS, if the file states one.
+    pub epsg: Option<u32>,
+}
+
+impl CloudContent {
+    /// Reads a file, except for points that are withheld or classified as noise.
+    ///
+    /// # Errors
+    /// As [`read_points`].
+    pub fn read(path: &Path) -> Result<Self, CloudError> {
+        let mut reader =
+            Reader::from_path(path).map_err(|cause| CloudError::Read { path: path.into(), cause })?;
+        let mut out = Self { epsg: epsg_of_cloud(reader.header()), ..Self::default() };
+        let (places, colors) = (&mut out.places, &mut out.colors);
+        read_points(path, &mut reader, |point| {
+            places.push([point.x, point.y, point.z]);
+            colors.extend(point.color.map(|c| [c.red, c.green, c.blue]));
+        })?;
+        Ok(out)
+    }
+}
+
 /// A point of a point cloud.
 #[derive(Clone, Copy, Debug)]
 pub struct CloudPoint {

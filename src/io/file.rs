@@ -216,6 +216,28 @@ impl ImageFile {
         stated.unwrap_or_else(stored)
     }
 
+    /// GDAL's geotransform: the map position of the corner of the first pixel, and the steps of a column and of a row; `None` if
+    /// the file has none.
+    #[must_use]
+    pub fn geotransform(&self) -> Option<[f64; 6]> {
+        self.dataset.geo_transform().ok()
+    }
+
+    /// The CRS as WKT; empty if the file has none.
+    #[must_use]
+    pub fn crs_wkt(&self) -> String {
+        self.dataset.projection()
+    }
+
+    /// Description of a band, counted from 1; empty if it has none.
+    ///
+    /// # Errors
+    /// [`RasterError::NoBand`] if there is no such band.
+    pub fn description(&self, index: usize) -> Result<String, RasterError> {
+        let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
+        Ok(band.description().unwrap_or_default())
+    }
+
     /// Whether the file has a geotransform and a CRS.
     #[must_use]
     pub fn has_geotransform(&self) -> bool {

@@ -33,4 +33,5 @@ pub mod state;
 pub mod stopwatch;
 pub mod sun_visibility;
 pub mod train;
+pub mod transformed;
 pub mod visibility;

@@ -9,10 +9,13 @@ use crate::splat::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats, unit_quaternion};
 use glam::{Quat, Vec3};
 use std::fmt::Write as _;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Columns that 3DGS writes after the position: the normals of discs, zero for ellipsoids.
 const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+/// Bytes within which a header ends: that of splats has about 2 KB.
+const LARGEST_HEADER: u64 = 1 << 16;
 /// The group whose last column discs lack.
 const SCALES: &str = "log_scale";
 
@@ -144,6 +147,68 @@ fn rest_columns(properties: &[String]) -> Option<Vec<(usize, usize)>> {
     })
 }
 
+/// Where the numbers of a splat file are: a table of little-endian float32, a row for each splat.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlyTable {
+    /// Bytes before the first row.
+    pub offset: usize,
+    /// Number of rows.
+    pub rows: usize,
+    /// Names of the columns.
+    pub columns: Vec<String>,
+}
+
+impl PlyTable {
+    /// Finds the table of a file from its header alone.
+    ///
+    /// # Errors
+    /// [`PlyError`] if the file cannot be read, is cut off, or holds no such table.
+    pub fn of(path: &Path) -> Result<Self, PlyError> {
+        let unreadable = |e: std::io::Error| PlyError::Io { path: path.into(), reason: e.to_string() };
+        let file = std::fs::File::open(path).map_err(unreadable)?;
+        let length = file.metadata().map_err(unreadable)?.len();
+        let mut head = Vec::new();
+        file.take(LARGEST_HEADER).read_to_end(&mut head).map_err(unreadable)?;
+        Self::parse(path, &head, length)
+    }
+
+    /// Reads the header from the first bytes of a file of `length` bytes.
+    fn parse(path: &Path, bytes: &[u8], length: u64) -> Result<Self, PlyError> {
+        let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
+        const END: &[u8] = b"end_header\n";
+        let end =
+            bytes.windows(END.len()).position(|w| w == END).ok_or_else(|| refused("it has no PLY header"))?;
+        let header = decode_text(&bytes[..end]);
+        if !header.contains("format binary_little_endian 1.0") {
+            return Err(refused("it is not binary little-endian"));
+        }
+        let mut count = None;
+        let mut columns = Vec::new();
+        for line in header.lines() {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            match words.as_slice() {
+                ["element", "vertex", n] => count = n.parse::<usize>().ok(),
+                ["element", ..] if count.is_some() => break,
+                ["property", "float" | "float32", name] => columns.push((*name).to_owned()),
+                ["property", ..] => return Err(refused("a vertex property is not a float")),
+                _ => {}
+            }
+        }
+        let rows = count.ok_or_else(|| refused("it has no vertex element"))?;
+        if columns.is_empty() {
+            return Err(refused("its vertices have no properties"));
+        }
+        let offset = end + END.len();
+        let need = rows.checked_mul(4 * columns.len()).map(|body| body as u64);
+        if need.is_none_or(|need| need > length.saturating_sub(offset as u64)) {
+            return Err(refused(&format!(
+                "its header announces {rows} vertices, but the file ends before the last"
+            )));
+        }
+        Ok(Self { offset, rows, columns })
+    }
+}
+
 /// Reads splats that [`write()`] or another 3DGS program wrote, with spherical harmonics of any degree up to 3. Properties that
 /// splats do not have are ignored. Splats without a third scale are discs. If all spherical harmonics above degree 0 are zero, the splats have none.
 ///
@@ -152,36 +217,10 @@ fn rest_columns(properties: &[String]) -> Option<Vec<(usize, usize)>> {
 pub fn read(path: &Path) -> Result<Splats, PlyError> {
     let bytes = std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
     let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
-    const END: &[u8] = b"end_header\n";
-    let end =
-        bytes.windows(END.len()).position(|w| w == END).ok_or_else(|| refused("it has no PLY header"))?;
-    let header = decode_text(&bytes[..end]);
-    if !header.contains("format binary_little_endian 1.0") {
-        return Err(refused("it is not binary little-endian"));
-    }
-    let mut count = None;
-    let mut properties = Vec::new();
-    for line in header.lines() {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        match words.as_slice() {
-            ["element", "vertex", n] => count = n.parse::<usize>().ok(),
-            ["element", ..] if count.is_some() => break,
-            ["property", "float" | "float32", name] => properties.push((*name).to_owned()),
-            ["property", ..] => return Err(refused("a vertex property is not a float")),
-            _ => {}
-        }
-    }
-    let count = count.ok_or_else(|| refused("it has no vertex element"))?;
-    if properties.is_empty() {
-        return Err(refused("its vertices have no properties"));
-    }
+    let PlyTable { offset, rows: count, columns: properties } =
+        PlyTable::parse(path, &bytes, bytes.len() as u64)?;
     let stride = 4 * properties.len();
-    let body = &bytes[end + END.len()..];
-    if count.checked_mul(stride).is_none_or(|need| need > body.len()) {
-        return Err(refused(&format!(
-            "its header announces {count} vertices, but the file ends before the last"
-        )));
-    }
+    let body = &bytes[offset..];
     let at = |name: &str| {
         let column = properties.iter().position(|p| p == name);
         column.map(|c| 4 * c).ok_or_else(|| refused(&format!("property `{name}` is missing")))

@@ -7,7 +7,7 @@ use satgs::frame::{LevelFrame, Point, SiteGrid};
 use satgs::pipeline::{TilesetPart, TrainedCameras, export_tileset};
 use satgs::progress::NoProgress;
 use satgs::splat::appearance::Appearance;
-use satgs::splat::novel_view::NovelView;
+use satgs::splat::satellite::NovelView;
 use satgs::splat::splats::Splats;
 use serde_json::Value;
 use std::path::Path;
