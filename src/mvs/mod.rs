@@ -40,6 +40,7 @@ mod ray_costs;
 mod ray_map;
 mod reference_view;
 mod semiglobal;
+mod shiftable_windows;
 mod stereo;
 mod surface;
 mod visibility;
