@@ -94,7 +94,7 @@ impl FrameMatches {
         let wanted: Vec<[usize; 2]> = wanted.into_iter().collect();
         let matched = |pair: &[usize; 2]| {
             let [i, j] = *pair;
-            let found = read.get(&i)?.1.rigid_matches(&read.get(&j)?.1, (i as u64) << 32 | j as u64)?;
+            let found = read.get(&i)?.1.rigid_matches(&read.get(&j)?.1, ((i as u64) << 32) | j as u64)?;
             Some((*pair, found))
         };
         let pairs: Vec<([usize; 2], RigidMatches)> = wanted.par_iter().filter_map(matched).collect();
@@ -141,7 +141,7 @@ impl Frame {
             let of_sensor = ray - cameras.offset() / depth;
             let at = self.principal + cameras.depth_focal * self.focal * of_sensor;
             depth = f64::from(self.depth.get(at.x.round() as i64, at.y.round() as i64));
-            if !(depth > 0.0) {
+            if depth.is_nan() || depth <= 0.0 {
                 return None;
             }
         }
