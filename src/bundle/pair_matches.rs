@@ -3,7 +3,7 @@
 use super::features::Keypoint;
 use super::matching::{BestTwo, compare};
 
-/// Pairs of keypoints, by index, that are each other's most similar one and pass the ratio test of [`super`].
+/// Pairs of keypoints, by index, that are each other's most similar one and pass the ratio test (Lowe 2004, section 7.1).
 ///
 /// Every keypoint of one image is compared with every one of the other: the number should stay below some thousand.
 #[must_use]

@@ -15,6 +15,9 @@ const COMPARED: usize = 2;
 const CHOSEN_FROM: usize = 400;
 /// Fewest pairs of frames with matches that say something.
 const FEWEST_PAIRS: usize = 4;
+/// Matches that two pairs of cameras place differently, pixels, and the fewest of them that say which is right.
+const DIFFERENT_PX: f64 = 0.5;
+const FEWEST_DIFFERENT: usize = 30;
 /// Steps in which the depth along a ray of the colour camera is found in a map of the depth camera.
 const STEPS: usize = 4;
 
@@ -94,7 +97,7 @@ impl FrameMatches {
         let wanted: Vec<[usize; 2]> = wanted.into_iter().collect();
         let matched = |pair: &[usize; 2]| {
             let [i, j] = *pair;
-            let found = read.get(&i)?.1.rigid_matches(&read.get(&j)?.1, (i as u64) << 32 | j as u64)?;
+            let found = read.get(&i)?.1.rigid_matches(&read.get(&j)?.1, ((i as u64) << 32) | j as u64)?;
             Some((*pair, found))
         };
         let pairs: Vec<([usize; 2], RigidMatches)> = wanted.par_iter().filter_map(matched).collect();
@@ -115,21 +118,28 @@ impl FrameMatches {
         median(self.pairs.iter().flat_map(of).collect())
     }
 
-    /// Median distance of matches from where the depth map of the other frame carries them, pixels of the images as read.
-    pub(super) fn carried_px(&self, cameras: &SensorCameras) -> Option<f64> {
+    /// Median distances of matches from where the depth map of the other frame carries them, with each of two pairs of cameras, pixels
+    /// of the images as read: of those matches that they place differently. None if these are few.
+    pub(super) fn carried_px(&self, of: [&SensorCameras; 2]) -> Option<[f64; 2]> {
+        let [first, second] = of.map(|cameras| self.carried_all_px(cameras));
+        let both = first.into_iter().zip(second).filter(|(a, b)| (a - b).abs() > DIFFERENT_PX);
+        let (first, second): (Vec<f64>, Vec<f64>) = both.unzip();
+        let are_enough = first.len() >= FEWEST_DIFFERENT;
+        Some([median(first)?, median(second)?]).filter(|_| are_enough)
+    }
+
+    /// Distances of all matches from where the depth map of the other frame carries them, pixels; NaN where it has no depth.
+    fn carried_all_px(&self, cameras: &SensorCameras) -> Vec<f64> {
         let mut all = Vec::new();
         for ([i, j], matches) in &self.pairs {
             let (Some(a), Some(b)) = (self.frames.get(i), self.frames.get(j)) else { continue };
             let scale = cameras.color_focal * matches.focal_px;
             for [x, y] in matches.rays.iter().map(|rays| rays.map(|r| r / cameras.color_focal)) {
-                let there = [
-                    a.carried(x, b, cameras).map(|at| at.distance(y)),
-                    b.carried(y, a, cameras).map(|at| at.distance(x)),
-                ];
-                all.extend(there.into_iter().flatten().map(|d| scale * d));
+                let px = |at: Option<DVec2>, to: DVec2| at.map_or(f64::NAN, |at| scale * at.distance(to));
+                all.extend([px(a.carried(x, b, cameras), y), px(b.carried(y, a, cameras), x)]);
             }
         }
-        median(all)
+        all
     }
 }
 
@@ -141,7 +151,7 @@ impl Frame {
             let of_sensor = ray - cameras.offset() / depth;
             let at = self.principal + cameras.depth_focal * self.focal * of_sensor;
             depth = f64::from(self.depth.get(at.x.round() as i64, at.y.round() as i64));
-            if !(depth > 0.0) {
+            if depth.is_nan() || depth <= 0.0 {
                 return None;
             }
         }
@@ -181,7 +191,7 @@ pub(super) mod test_frames {
             let turn = 0.05 * k as f64;
             Pose {
                 cam_from_world: DMat3::from_rotation_y(turn) * DMat3::from_rotation_x(0.5 * turn),
-                center: DVec3::new(0.3 * k as f64 - 0.6, 0.05 * (k % 2) as f64, 0.1 * (k % 3) as f64),
+                center: DVec3::new(0.6 * k as f64 - 1.2, 0.05 * (k % 2) as f64, 0.1 * (k % 3) as f64),
             }
         };
         let frame = |k: usize| {

@@ -35,6 +35,9 @@ pub struct ColorRegistration {
     pub depth_focal_ratio: f64,
     /// Place of the depth camera in the axes (right, down) of the colour camera, metres.
     pub offset_m: [f64; 2],
+    /// Whether the stated poses are those of the depth camera.
+    #[serde(default = "yes")]
+    pub poses_of_depths: bool,
     /// What speaks for them.
     #[serde(flatten)]
     pub evidence: RegistrationEvidence,
@@ -58,13 +61,18 @@ pub struct RegistrationEvidence {
     /// Median distance of matched features from their epipolar lines, pixels; none without matches.
     #[serde(default)]
     pub epipolar_px: Option<[f64; 2]>,
-    /// Median distance of matched features from where the depths of the other frame carry them, pixels; none without matches.
+    /// Median distance of matched features from where the depths of the other frame carry them, pixels, of those features that both
+    /// place differently; none without matches.
     #[serde(default)]
     pub carried_px: Option<[f64; 2]>,
 }
 
 fn one() -> f64 {
     1.0
+}
+
+fn yes() -> bool {
+    true
 }
 
 impl fmt::Display for RegistrationEvidence {
@@ -122,6 +130,16 @@ impl fmt::Display for RejectedRegistration {
     }
 }
 
+/// Two cameras that edges suggest, and what features say of them.
+struct Tried {
+    cameras: SensorCameras,
+    evidence: RegistrationEvidence,
+    /// Of the stated camera and of these.
+    epipolar_px: [f64; 2],
+    /// Distance of features carried by depths over that with the stated camera.
+    carried: f64,
+}
+
 impl ColorRegistration {
     /// The cameras of RGB-D frames if colours and depths are of two; an error if edges say so and features do not.
     pub(super) fn find(views: &[PerspectiveView]) -> Result<Option<Self>, RejectedRegistration> {
@@ -136,10 +154,6 @@ impl ColorRegistration {
     /// Which of the cameras that edges suggest the features confirm.
     fn decide(fit: EdgeFit, matches: Option<&FrameMatches>) -> Result<Self, RejectedRegistration> {
         let EdgeFit { focal_ratio, offset_m, edges } = fit;
-        let rejected = |evidence| RejectedRegistration { focal_ratio, evidence };
-        let without = RegistrationEvidence { edges, ..RegistrationEvidence::default() };
-        let residuals =
-            |cameras: &SensorCameras| Some([matches?.epipolar_px(cameras)?, matches?.carried_px(cameras)?]);
         let of_depths =
             SensorCameras { color_focal: focal_ratio, depth_focal: 1.0, offset_m, poses_of_depths: true };
         let of_colors = SensorCameras {
@@ -148,27 +162,31 @@ impl ColorRegistration {
             offset_m: offset_m.map(|v| v * focal_ratio),
             poses_of_depths: false,
         };
-        let Some(stated) = residuals(&SensorCameras::STATED) else { return Err(rejected(without)) };
-        let tried = [of_colors, of_depths].into_iter().filter_map(|c| Some((c, residuals(&c)?)));
-        let tried: Vec<(SensorCameras, [f64; 2])> = tried.collect();
-        let least_px = tried.iter().map(|(_, [epipolar, _])| *epipolar).fold(stated[0], f64::min);
-        let evidence = |found: [f64; 2]| RegistrationEvidence {
-            edges,
-            epipolar_px: Some([stated[0], found[0]]),
-            carried_px: Some([stated[1], found[1]]),
+        let stated = &SensorCameras::STATED;
+        let tried = |cameras: SensorCameras| {
+            let epipolar_px = [matches?.epipolar_px(stated)?, matches?.epipolar_px(&cameras)?];
+            let carried_px = matches?.carried_px([stated, &cameras])?;
+            let evidence =
+                RegistrationEvidence { edges, epipolar_px: Some(epipolar_px), carried_px: Some(carried_px) };
+            Some(Tried { cameras, evidence, epipolar_px, carried: carried_px[1] / carried_px[0] })
         };
-        let fits = |px: &[f64; 2]| px[0] <= AS_GOOD * least_px + SLACK_PX && px[1] <= BETTER * stated[1];
-        let best = |some: &mut dyn Iterator<Item = (SensorCameras, [f64; 2])>| {
-            some.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))
-        };
-        match best(&mut tried.iter().copied().filter(|(_, px)| fits(px))) {
-            Some((cameras, px)) => Ok(Self {
+        let tried: Vec<Tried> = [of_colors, of_depths].into_iter().filter_map(tried).collect();
+        let least_px = tried.iter().flat_map(|t| t.epipolar_px).fold(f64::INFINITY, f64::min);
+        let fits = |t: &&Tried| t.epipolar_px[1] <= AS_GOOD * least_px + SLACK_PX && t.carried <= BETTER;
+        let nearer = |a: &&Tried, b: &&Tried| a.carried.total_cmp(&b.carried);
+        match tried.iter().filter(fits).min_by(nearer) {
+            Some(Tried { cameras, evidence, .. }) => Ok(Self {
                 focal_ratio: cameras.color_focal,
                 depth_focal_ratio: cameras.depth_focal,
                 offset_m: cameras.offset_m,
-                evidence: evidence(px),
+                poses_of_depths: cameras.poses_of_depths,
+                evidence: *evidence,
             }),
-            None => Err(rejected(best(&mut tried.iter().copied()).map_or(without, |(_, px)| evidence(px)))),
+            None => {
+                let evidence = tried.iter().min_by(nearer).map(|t| t.evidence);
+                let without = RegistrationEvidence { edges, ..RegistrationEvidence::default() };
+                Err(RejectedRegistration { focal_ratio, evidence: evidence.unwrap_or(without) })
+            }
         }
     }
 
@@ -183,8 +201,7 @@ impl ColorRegistration {
         }
         lens.focal *= self.focal_ratio;
         let camera = &view.camera;
-        let is_of_depths = self.depth_focal_ratio == 1.0;
-        let place = match is_of_depths {
+        let place = match self.poses_of_depths {
             true => camera.center - camera.cam_from_site.transpose() * center,
             false => camera.center,
         };
@@ -209,7 +226,7 @@ mod tests {
         assert_eq!((of_colors.focal_ratio, of_colors.depth_focal_ratio), (1.0, 1.0 / 0.9));
         for found in [of_depths, of_colors] {
             let carried = found.evidence.carried_px.unwrap();
-            assert!(carried[1] < 0.3 && carried[0] > 1.0, "{found:?}");
+            assert!(carried[1] < 0.3 && carried[1] < 0.5 * carried[0], "{found:?}");
         }
     }
 
@@ -217,7 +234,7 @@ mod tests {
     fn what_features_contradict_is_not_applied() {
         let rejected = ColorRegistration::decide(FIT, Some(&of_sensor(1.0, 1.0))).unwrap_err();
         let [stated, suggested] = rejected.evidence.carried_px.unwrap();
-        assert!(stated < 0.3 && suggested > 1.0, "{rejected:?}");
+        assert!(stated < 0.3 && suggested > 2.0 * stated, "{rejected:?}");
         assert!(rejected.to_string().contains("matched features contradict it"), "{rejected}");
         let unknown = ColorRegistration::decide(FIT, None).unwrap_err();
         assert!(unknown.evidence.carried_px.is_none() && unknown.to_string().contains("too few features"));

@@ -170,7 +170,7 @@ impl Views<'_> {
         // Whether the views beside one without matches match each other tells whether it should.
         let among = unmatched.iter().flat_map(|i| {
             let beside = &self.neighbours[*i][..self.neighbours[*i].len().min(WITNESSES)];
-            beside.iter().flat_map(|a| beside.iter().filter(move |b| a < *b).map(move |b| [*a, *b]))
+            beside.iter().flat_map(move |a| beside.iter().filter(move |b| a < *b).map(move |b| [*a, *b]))
         });
         add(&mut tried, again.chain(among).collect());
         let compared = (0..count).map(|i| tried.iter().filter(|pair| pair.contains(&i)).count()).collect();

@@ -30,7 +30,7 @@ impl Reading {
     /// All readings but that as stated.
     pub(super) fn others() -> impl Iterator<Item = Self> {
         let signs = (0..8u8)
-            .map(|k| DVec3::from_array([0, 1, 2].map(|bit| if k >> bit & 1 == 1 { -1.0 } else { 1.0 })));
+            .map(|k| DVec3::from_array([0, 1, 2].map(|bit| if (k >> bit) & 1 == 1 { -1.0 } else { 1.0 })));
         signs
             .flat_map(|signs| [false, true].map(|inverse| Self { inverse, signs }))
             .filter(|r| r.inverse || r.signs != DVec3::ONE)

@@ -35,7 +35,7 @@ impl MatchedPair {
 
     /// The pair of two views, if it has matches.
     pub(super) fn of([a, b]: [&ViewFeatures; 2], views: [usize; 2]) -> Option<Self> {
-        let item = (views[0] as u64) << 32 | views[1] as u64;
+        let item = ((views[0] as u64) << 32) | views[1] as u64;
         let matches = a.rigid_matches(b, item)?;
         let agree_px = (AGREE_PX * a.reduced_by.max(b.reduced_by)).max(AGREE_SHARE * matches.focal_px);
         Some(Self { views, matches, agree_px })

@@ -83,7 +83,7 @@ fn suitability(a: (&PinholeCamera, f64), b: (&PinholeCamera, f64)) -> f64 {
     let shared = share_seen(a.0, a.1, b.0).min(share_seen(b.0, b.1, a.0));
     let middle = a.0.center + a.1 * a.0.cam_from_site.row(2);
     let angle_deg = (a.0.center - middle).angle_between(b.0.center - middle).to_degrees();
-    if shared < LEAST_SHARED || !(angle_deg > 0.0) {
+    if shared < LEAST_SHARED || angle_deg.is_nan() || angle_deg <= 0.0 {
         return 0.0;
     }
     shared * (angle_deg / NARROW_DEG).min(1.0) * (WIDE_DEG / angle_deg).min(1.0)
