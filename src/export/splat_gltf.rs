@@ -101,9 +101,10 @@ pub fn encode(
     if compression == GltfCompression::Spz {
         document["extensionsRequired"] = json!(extensions);
     }
-    if scene.translation != [0.0; 3] {
-        document["nodes"][0]["translation"] = json!(scene.translation);
-    }
+    // CesiumJS (1.140) reads the place of splats from the matrix of the node alone, and needs one.
+    let [x, y, z] = scene.translation;
+    document["nodes"][0]["matrix"] =
+        json!([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0]);
     if let Some(site) = &scene.site {
         document["scenes"][0]["extras"] = gltf::place(site);
     }
@@ -159,19 +160,31 @@ pub fn decode(bytes: &[u8]) -> Result<(Splats, Option<SiteGrid>), String> {
 /// Where the only node of a file is moved to; none if no node is moved.
 fn translation(document: &Value) -> Result<Option<[f64; 3]>, String> {
     let nodes = document["nodes"].as_array().map_or(&[][..], Vec::as_slice);
-    for moved in ["matrix", "rotation", "scale"] {
+    for moved in ["rotation", "scale"] {
         if nodes.iter().any(|node| !node[moved].is_null()) {
             return Err(format!("a node has a `{moved}`, expected at most a translation"));
         }
     }
-    let Some(by) = nodes.iter().map(|node| &node["translation"]).find(|by| !by.is_null()) else {
-        return Ok(None);
+    let place = |node: &Value| {
+        if node["matrix"].is_null() {
+            let by = Some(&node["translation"]).filter(|by| !by.is_null()).cloned();
+            return by.map(serde_json::from_value).transpose().map_err(|_| "it is not three numbers");
+        }
+        let matrix: [f64; 16] =
+            serde_json::from_value(node["matrix"].clone()).map_err(|_| "it is not sixteen numbers")?;
+        let [linear @ .., x, y, z, _] = matrix;
+        if linear != [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+            return Err("it turns or scales, expected at most a translation");
+        }
+        Ok(Some([x, y, z]))
     };
-    if nodes.len() > 1 {
-        return Err("one of several nodes has a translation, expected a single node".into());
+    let of_node = |reason: &str| format!("the transform of a node is not supported: {reason}");
+    let places = nodes.iter().map(place).collect::<Result<Vec<Option<[f64; 3]>>, _>>().map_err(of_node)?;
+    match places.as_slice() {
+        [only] => Ok(*only),
+        several if several.iter().all(Option::is_none) => Ok(None),
+        _ => Err("one of several nodes is moved, expected a single node".into()),
     }
-    let read = serde_json::from_value(by.clone());
-    read.map(Some).map_err(|_| "the translation of its node is not three numbers".into())
 }
 
 /// The parts of a file that is read.
