@@ -26,21 +26,28 @@ T = TypeVar("T")
 
 
 @calls("info", o.InfoOptions)
-def info(scene: PathLike, **options: Unpack[o.InfoOptions]) -> r.SatelliteInfo | r.PhotographsInfo:
+def info(
+    scene: PathLike, **options: Unpack[o.InfoOptions]
+) -> r.SatelliteInfo | r.PhotographsInfo | r.SplatFileInfo | r.TilesetInfo:
     """Says what a scene contains: views, cameras, suns, dates, convergence angles, common ground; of photographs lenses,
-    points and reprojection errors.
+    points, reprojection errors and whether their cameras are theirs; or what a file of splats or a ``tileset.json`` holds.
 
     Args:
         scene: As for :func:`adjust`, or photographs with poses: a COLMAP project, a ``transforms.json``, RGB-D frames, a scene
-            of LEVIR-NVS or ScanNet++.
+            of LEVIR-NVS or ScanNet++; or a file of splats, or a ``tileset.json``.
         **options: See :class:`satgs.options.InfoOptions`.
 
     Raises:
         InputError: The scene or an option is wrong, or the views have no ground in common.
     """
     (figures,) = run_command("info", {"scene": scene, **options})
-    if "layout" in json.loads(_recorded(figures)):
+    keys = json.loads(_recorded(figures))
+    if "layout" in keys:
         return _result(r.PhotographsInfo, figures)
+    if "axes" in keys:
+        return _result(r.SplatFileInfo, figures)
+    if "tiles" in keys:
+        return _result(r.TilesetInfo, figures)
     return _result(r.SatelliteInfo, figures)
 
 
@@ -283,8 +290,10 @@ def learn(out: PathLike, **options: Unpack[o.LearnOptions]) -> r.Learned | r.Wri
 
 
 @calls("export", o.ExportOptions)
-def export(run: PathLike, **options: Unpack[o.ExportOptions]) -> r.ExportedViews | r.ExportedPly:
-    """Exports a run for other programs: a COLMAP project, or splats in another variant of PLY.
+def export(
+    run: PathLike, **options: Unpack[o.ExportOptions]
+) -> r.ExportedViews | r.ExportedSplats | r.ExportedTileset:
+    """Exports a run for other programs: a COLMAP project, splats in the formats of viewers, or 3D Tiles.
 
     Args:
         run: Run folder of :func:`adjust` or :func:`train`.
@@ -294,7 +303,11 @@ def export(run: PathLike, **options: Unpack[o.ExportOptions]) -> r.ExportedViews
         InputError: The run holds nothing to export, the output exists, or an option is wrong.
         FailedError: A file cannot be written.
     """
-    result: type[r.ExportedViews | r.ExportedPly] = r.ExportedPly if options.get("ply") else r.ExportedViews
+    result: type[r.ExportedViews | r.ExportedSplats | r.ExportedTileset] = r.ExportedSplats
+    if options.get("colmap"):
+        result = r.ExportedViews
+    elif options.get("tiles3d"):
+        result = r.ExportedTileset
     return _only(result, "export", {"run": run, **options})
 
 

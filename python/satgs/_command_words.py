@@ -41,9 +41,10 @@ RENAMED: dict[tuple[str, str], str] = {
     ("*", "reference_views"): "reference",
     ("nvs-eval", "views"): "view",
     ("simulate", "planned"): "view",
-    # Codes are EPSG codes, and `from` is a word of Python.
+    # Codes are EPSG codes, `from` is a word of Python, and no name begins with a digit.
     ("*", "truth_epsg"): "truth-crs",
     ("align", "epsg"): "crs",
+    ("export", "tiles3d"): "3dtiles",
     ("learn", "start"): "from",
 }
 """Option or position of a keyword argument of a command (`*`: of all), where it is not that of the same name."""

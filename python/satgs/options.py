@@ -483,20 +483,33 @@ class LearnOptions(ImageOptions, Reporting, total=False):
 
 
 class ExportOptions(Reporting, total=False):
-    """Keyword arguments of :func:`satgs.export`. One of ``colmap`` and ``ply`` says what is written.
+    """Keyword arguments of :func:`satgs.export`. One of ``colmap``, ``ply``, ``compressed_ply``, ``spz``, ``gltf`` and
+    ``tiles3d`` says what is written.
 
     Args:
         colmap: Write a COLMAP project into this folder, which must be empty or new.
         format: Files of the COLMAP model. ``None``: ``bin``.
-        ply: Write the splats, in the colours of the orthophoto, to this file.
-        variant: Columns and axes of the splats: those of 3DGS with z up, or the same with y down. ``None``: ``3dgs``.
+        ply: Write the splats, in the colours of the orthophoto, to this file with all columns of 3DGS.
+        compressed_ply: Write the splats to this compressed PLY file of PlayCanvas and SuperSplat.
+        variant: Axes of PLY files: z up, or y down. ``None``: ``3dgs``, z up.
+        spz: Write the splats to this SPZ file.
+        gltf: Write the splats to this ``.glb`` file with ``KHR_gaussian_splatting``.
+        compress: Hold the splats of ``gltf`` as SPZ.
+        tiles3d: Write 3D Tiles into this folder, which must be empty or new.
+        copyright: Copyright that ``gltf`` and ``tiles3d`` hold and globes show.
         overwrite: Replace the file, or what an earlier export wrote into the folder.
     """
 
     colmap: Path | None
     format: Literal["bin", "text"] | None
     ply: Path | None
+    compressed_ply: Path | None
     variant: Literal["3dgs", "y-down"] | None
+    spz: Path | None
+    gltf: Path | None
+    compress: bool | None
+    tiles3d: Path | None
+    copyright: str | None
     overwrite: bool | None
 
 
@@ -506,6 +519,7 @@ class SimulateOptions(Reporting, total=False):
     Args:
         seed: Seed of the random town. ``None``: 0.
         room: Photograph a room of 4 x 5 x 2.5 m.
+        frames: Of a room, write RGB-D frames too, whose files state this camera.
         aerial: Photograph the town from 600 m above ground.
         mountains: Look at a mountain without buildings.
         surface: Look at this surface, a raster of heights on a map in metres.
@@ -526,6 +540,7 @@ class SimulateOptions(Reporting, total=False):
 
     seed: int | None
     room: bool | None
+    frames: Literal["registered", "depth", "color"] | None
     aerial: bool | None
     mountains: bool | None
     surface: Path | None

@@ -87,7 +87,7 @@ def test_a_trained_run_becomes_a_mesh_a_project_and_a_page(trained: Trained, tmp
     project = satgs.export(run, colmap=tmp_path / "project", format="text")
     assert isinstance(project, satgs.results.ExportedViews) and len(project.views) == 8
     ply = satgs.export(run, ply=tmp_path / "splats.ply")
-    assert isinstance(ply, satgs.results.ExportedPly) and ply.splats == len(satgs.Splats.read(ply.file))
+    assert isinstance(ply, satgs.results.ExportedSplats) and ply.splats == len(satgs.Splats.read(ply.file))
     page = satgs.view(run, tmp_path / "page.html")
     assert page.bytes == page.page.stat().st_size and "splats" in " ".join(page.layers).lower()
     assert satgs.report(run) == run / "report.html"

@@ -54,5 +54,5 @@ def pictures(scene: Path, run: Path) -> NDArray[np.float32]:
     if isinstance(view.camera, satgs.Rpc):
         print(view.camera.height_range, view.sun, heights.shape)
     info = satgs.info(scene)
-    print(info.ground.epsg if isinstance(info, satgs.results.SatelliteInfo) else info.layout)
+    print(info.ground.epsg if isinstance(info, satgs.results.SatelliteInfo) else info)
     return splats.render(camera).colors

@@ -41,7 +41,10 @@ def _made(kind: Any, value: Any) -> Any:
 
 
 def _fitting(kinds: tuple[Any, ...], value: Any) -> Any:
-    """The first class of a union that has a field for each key of a value; other types are not told apart."""
+    """The first class of a union that has a field for each key of a value, a tuple for a list, else the first other type."""
+    if not isinstance(value, dict):
+        is_list = isinstance(value, list)
+        return next((kind for kind in kinds if (typing.get_origin(kind) is tuple) == is_list), kinds[0])
     classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
     has_all = (kind for kind in classes if set(value) <= {f.name for f in dataclasses.fields(kind)})
     return next(has_all, kinds[0])

@@ -216,16 +216,37 @@ class ExportedViews:
 
 
 @dataclass(frozen=True)
-class ExportedPly:
-    """Result of :func:`satgs.export` of splats.
+class ExportedSplats:
+    """Result of :func:`satgs.export` of splats as one file.
 
     Attributes:
         file: The file.
         splats: Number of splats.
         bytes: Size of the file.
+        step: Distance of neighbouring coordinates, if the format holds whole numbers of it.
     """
 
     file: Path
+    splats: int
+    bytes: int
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class ExportedTileset:
+    """Result of :func:`satgs.export` of 3D Tiles.
+
+    Attributes:
+        tileset: Their document.
+        tiles: Number of tiles.
+        levels: Number of levels of detail.
+        splats: Number of splats of the most detailed level.
+        bytes: Size of the files of all tiles.
+    """
+
+    tileset: Path
+    tiles: int
+    levels: int
     splats: int
     bytes: int
 

@@ -298,14 +298,144 @@ class ColorRegistration:
     """The colour camera of RGB-D frames, where it is another one than that of the depth maps.
 
     Attributes:
-        focal_ratio: Its focal length over that of the depth maps.
-        offset_m: Its position beside that of the depth maps.
-        edges: Agreement of edges before and after.
+        focal_ratio: Focal length of the colours over the stated one.
+        depth_focal_ratio: Focal length of the depth maps over the stated one.
+        offset_m: Position of the depth camera beside the colour camera.
+        edges: Strength of the images' edges at jumps of the depths, before and after.
+        epipolar_px: Median distance of matched features from their epipolar lines, before and after.
+        carried_px: Median distance of matched features from where depths carry them, before and after.
     """
 
     focal_ratio: float
+    depth_focal_ratio: float
     offset_m: tuple[float, float]
     edges: tuple[float, float]
+    epipolar_px: tuple[float, float] | None = None
+    carried_px: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class RejectedRegistration:
+    """Two cameras of RGB-D frames that edges suggest and matched features contradict.
+
+    Attributes:
+        focal_ratio: Focal length of the colours over that of the depth maps.
+        edges: As of :class:`ColorRegistration`.
+        epipolar_px: As of :class:`ColorRegistration`.
+        carried_px: As of :class:`ColorRegistration`.
+    """
+
+    focal_ratio: float
+    edges: tuple[float, float]
+    epipolar_px: tuple[float, float] | None = None
+    carried_px: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class PoseFinding:
+    """What photographs say against their cameras; which fields there are depends on the kind.
+
+    Attributes:
+        kind: ``convention``: poses are to be read in another way; ``focal``: all focal lengths are wrong by a factor;
+            ``inaccurate``: most poses do not fit; ``exchanged``: two images fit the poses of each other; ``misplaced``: one view does
+            not fit; ``unmatched``: one view shows nothing that the others show.
+        reading: How poses are to be read.
+        factor: Focal length that fits over the stated one.
+        px: Median distance from epipolar lines, pixels; as stated and in the other way where there is one.
+        agree: Share of the pairs of views that agree, likewise.
+        views: Names of the exchanged views.
+        view: Name of the view.
+        compared: Number of views that it was compared with.
+    """
+
+    kind: Literal["convention", "focal", "inaccurate", "exchanged", "misplaced", "unmatched"]
+    reading: str | None = None
+    factor: float | None = None
+    px: tuple[float, float] | float | None = None
+    agree: tuple[float, float] | float | None = None
+    views: tuple[str, str] | None = None
+    view: str | None = None
+    compared: int | None = None
+
+
+@dataclass(frozen=True)
+class ViewResidual:
+    """How far the matched features of a view lie from epipolar lines.
+
+    Attributes:
+        view: Its name.
+        median_px: Median distance, pixels.
+    """
+
+    view: str
+    median_px: float
+
+
+@dataclass(frozen=True)
+class PoseCheck:
+    """How well the cameras of photographs fit them.
+
+    Attributes:
+        views: Number of views that were looked at.
+        pairs: Number of pairs of views with matched features.
+        matches: Number of matched features.
+        median_px: Median distance from epipolar lines, pixels; ``None`` without matches.
+        worst: The view with the largest distance.
+        findings: What the photographs say against the cameras.
+    """
+
+    views: int
+    pairs: int
+    matches: int
+    median_px: float | None
+    worst: ViewResidual | None
+    findings: tuple[PoseFinding, ...]
+
+
+@dataclass(frozen=True)
+class SplatFileInfo:
+    """Result of :func:`satgs.info` for a file of splats.
+
+    Attributes:
+        format: Its format.
+        splats: Number of splats.
+        primitive: Kind of the splats.
+        degree: Highest degree of spherical harmonics that is not zero.
+        axes: Directions of x, y and z.
+        bounds: Corners of the box around the centres, in the axes and the unit of the file.
+        site: The frame of the coordinates, if it is known.
+        map_bounds: Corners of that box on the map: easting, northing, ellipsoidal height.
+    """
+
+    format: str
+    splats: int
+    primitive: str
+    degree: int
+    axes: tuple[str, str, str]
+    bounds: tuple[tuple[float, float, float], tuple[float, float, float]] | None
+    site: SiteGrid | None
+    map_bounds: tuple[tuple[float, float, float], tuple[float, float, float]] | None
+
+
+@dataclass(frozen=True)
+class TilesetInfo:
+    """Result of :func:`satgs.info` for 3D Tiles.
+
+    Attributes:
+        version: Version of 3D Tiles.
+        tiles: Number of tiles.
+        levels: Number of levels of detail.
+        error_m: Error of the coarsest level, metres.
+        origin_ecef: Earth-centred coordinates of the origin, metres.
+        copyright: To whom it is credited.
+    """
+
+    version: str
+    tiles: int
+    levels: int
+    error_m: float
+    origin_ecef: tuple[float, float, float] | None
+    copyright: str | None
 
 
 @dataclass(frozen=True)
@@ -325,7 +455,9 @@ class PhotographsInfo:
         skipped: Images and files that were left out, and why.
         unused: Keys and files that are not used, and why.
         transparent: Transparent pixels; ``None`` without any.
-        registration: The colour camera of RGB-D frames.
+        registration: The cameras of RGB-D frames that are two.
+        rejected_registration: Two cameras that edges suggest and features contradict.
+        poses: How well the cameras fit the photographs.
     """
 
     layout: Literal["colmap", "transforms", "rgb-d", "levir", "scannet++"]
@@ -341,6 +473,8 @@ class PhotographsInfo:
     unused: tuple[tuple[str, str], ...]
     transparent: Transparent | None
     registration: ColorRegistration | None
+    rejected_registration: RejectedRegistration | None
+    poses: PoseCheck
 
 
 @dataclass(frozen=True)
