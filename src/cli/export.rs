@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR", group = "form")]
     colmap: Option<PathBuf>,
     /// Files of the COLMAP model
-    #[arg(long, value_enum, default_value = "bin", requires = "colmap")]
+    #[arg(long, value_enum, default_value = "bin", conflicts_with_all = ["ply", "compressed_ply", "spz", "gltf", "tiles3d"])]
     format: FileFormat,
     /// Write the splats to this .ply file with all columns of 3DGS
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["ply"]))]
@@ -47,7 +47,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["glb"]))]
     gltf: Option<PathBuf>,
     /// Hold the splats of --gltf as SPZ (KHR_gaussian_splatting_compression_spz_2)
-    #[arg(long, requires = "gltf")]
+    #[arg(long, conflicts_with_all = ["colmap", "ply", "compressed_ply", "spz", "tiles3d"])]
     compress: bool,
     /// Write 3D Tiles 1.1 into this folder, which must be empty or new: tiles of splats with levels of detail, on the globe
     #[arg(long = "3dtiles", value_name = "DIR", group = "form")]

@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// Frames and columns and rows of each.
-const FRAMES: usize = 14;
-const SIZE: usize = 200;
+const FRAMES: usize = 30;
+const SIZE: usize = 400;
 
 /// A room with RGB-D frames.
 fn room(stated: StatedCamera) -> tempfile::TempDir {
@@ -77,8 +77,7 @@ fn a_model_that_was_changed_after_the_reconstruction_is_named() {
     let told = "from where its images observe them";
     assert!(!text(&succeeds(&["info", path(out.path())])).contains(told));
     let cameras = out.path().join("sparse/0/cameras.txt");
-    let wrong =
-        std::fs::read_to_string(&cameras).unwrap().replace("PINHOLE 128 128 91", "PINHOLE 128 128 101");
+    let wrong = std::fs::read_to_string(&cameras).unwrap().replace(" 91.4", " 115.4");
     std::fs::write(&cameras, wrong).unwrap();
     assert!(text(&succeeds(&["info", path(out.path())])).contains(told));
 }
@@ -103,7 +102,7 @@ fn right_cameras_have_small_residuals_and_no_findings() {
     let found = check(frames.path());
     assert_eq!(found.findings, []);
     assert!(found.pairs >= FRAMES && found.median_px.unwrap() < 0.5, "{found:?}");
-    let said = text(&succeeds(&["info", path(frames.path())]));
+    let said = String::from_utf8_lossy(&succeeds(&["info", path(frames.path())]).stdout).into_owned();
     assert!(said.contains("(median) from their epipolar lines, those of `frame-"), "{said}");
 }
 
@@ -148,7 +147,7 @@ fn exchanged_images_are_named() {
     let frames = frames();
     exchange(&file(frames.path(), 2, "color.png"), &file(frames.path(), 10, "color.png"));
     let said = run(frames.path());
-    let expected = "the images of `frame-000002.color` and `frame-000010.color` are exchanged";
+    let expected = "the images of `frame-000002` and `frame-000010` are exchanged";
     assert!(said.contains(expected) && said.contains("exchange the names of their files"), "{said}");
 }
 
@@ -161,7 +160,7 @@ fn an_image_of_another_place_is_named() {
     let picture: Vec<u8> = (0..SIZE * SIZE).flat_map(|k| [cell(k); 3]).collect();
     write_png_rgb(&file(frames.path(), 5, "color.png"), SIZE, SIZE, &picture).unwrap();
     let said = run(frames.path());
-    assert!(said.contains("`frame-000005.color` shows nothing that the"), "{said}");
+    assert!(said.contains("`frame-000005` shows nothing that the"), "{said}");
 }
 
 #[test]

@@ -192,5 +192,5 @@ fn files_that_are_no_splats_are_refused_by_name() {
         &["whole.georef.json", "whole.spz"],
     );
     succeeds(&["export", run, "--gltf", &path("whole.glb")]);
-    refused(&["export", run, "--spz", &path("y.spz"), "--compress"], 2, &["--gltf"]);
+    refused(&["export", run, "--spz", &path("y.spz"), "--compress"], 2, &["'--compress'"]);
 }

@@ -225,7 +225,13 @@ fn findings(
         true => (0..views.poses.len()).filter(is_strange).collect(),
         false => Vec::new(),
     };
-    let all: Vec<usize> = doubted.iter().chain(&strange).copied().collect();
+    // A single pair that disagrees is no proof, but it may be of the image that was exchanged with one in doubt.
+    let is_weak = |i: &usize| {
+        let mut pairs = fitted.iter().filter(|f| f.has(*i)).peekable();
+        !doubted.contains(i) && pairs.peek().is_some() && pairs.all(|f| !f.agrees())
+    };
+    let weak = (0..views.poses.len()).filter(is_weak);
+    let all: Vec<usize> = doubted.iter().chain(&strange).copied().chain(weak).collect();
     let exchanged = views.exchanged(&all);
     out.extend(exchanged.iter().map(|pair| PoseFinding::Exchanged { views: pair.map(name) }));
     let is_explained = |i: &usize| exchanged.iter().any(|pair| pair.contains(i));
