@@ -62,7 +62,6 @@ impl PlaneSweep {
     /// that are far from these, views may agree on them by chance.
     fn near_candidates(&self, visibility: Option<&Visibility>) -> CostVolume<'_> {
         let mut volume = CostVolume::correlate(self, visibility);
-        volume.shift_windows(&self.stack, self.grid.width);
         if let Some(candidates) = &self.candidates {
             volume.raise(FAR_COST, |cell| {
                 let (col, row) = (cell % self.grid.width, cell / self.grid.width);
@@ -116,7 +115,6 @@ impl PlaneSweep {
         let of_prior = Visibility::new(self, prior, &occluders);
         let refined_once = |visibility: &Visibility| {
             let mut volume = CostVolume::correlate(self, Some(visibility));
-            volume.shift_windows(&self.stack, self.grid.width);
             volume.add_prior(prior, &first.altitude, &self.stack, visibility);
             self.optimized(&volume, P2_REFINEMENT)
         };

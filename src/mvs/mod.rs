@@ -40,7 +40,6 @@ mod ray_costs;
 mod ray_map;
 mod reference_view;
 mod semiglobal;
-mod shiftable_windows;
 mod stereo;
 mod surface;
 mod visibility;
