@@ -274,7 +274,7 @@ fn a_scene_in_map_coordinates_trains_as_at_the_origin() {
     let out = tempfile::tempdir().unwrap();
     let train = |name: &str| {
         let run = out.path().join(name);
-        let options = ["--iterations", "5", "--test-views", "none"];
+        let options = ["--iterations", "5", "--test-views", "none", "--downsampling", "4"];
         let said = text(&succeeds(&[&["run", path(frames.path()), "-o", path(&run)][..], &options].concat()));
         (logged(&run, "l1"), said)
     };

@@ -34,6 +34,7 @@ impl Views<'_> {
     pub(super) fn exchanged(&self, doubted: &[usize]) -> Vec<[usize; 2]> {
         let some = &doubted[..doubted.len().min(MOST)];
         let pairs = (0..some.len()).flat_map(|a| (a + 1..some.len()).map(move |b| [some[a], some[b]]));
-        pairs.filter(|[a, b]| self.fits_at(*a, *b, doubted) && self.fits_at(*b, *a, doubted)).collect()
+        let exchanged = pairs.filter(|[a, b]| self.fits_at(*a, *b, doubted) && self.fits_at(*b, *a, doubted));
+        exchanged.map(|[a, b]| [a.min(b), a.max(b)]).collect()
     }
 }
