@@ -57,18 +57,21 @@ def _fits(value: object, kind: Any) -> bool:
     if origin is float:
         return isinstance(value, numbers.Real)
     if origin is tuple:
-        is_list = isinstance(value, (tuple, list)) or hasattr(value, "__array__")
-        items = list(typing.cast(Any, value)) if is_list else []
-        return is_list and len(items) == len(parts) and all(map(_fits, items, parts))
+        items = list(typing.cast(Any, value)) if _is_list(value) else []
+        return _is_list(value) and len(items) == len(parts) and all(map(_fits, items, parts))
     if origin is collections.abc.Sequence:
-        is_list = isinstance(value, (tuple, list)) or hasattr(value, "__array__")
-        return is_list and all(_fits(item, parts[0]) for item in typing.cast(Any, value))
+        return _is_list(value) and all(_fits(item, parts[0]) for item in typing.cast(Any, value))
     if origin is collections.abc.Mapping:
         is_mapping = isinstance(value, Mapping)
         return is_mapping and all(_fits(k, parts[0]) and _fits(v, parts[1]) for k, v in typing.cast(Any, value).items())
     if origin is collections.abc.Callable:
         return callable(value)
     return isinstance(value, origin)
+
+
+def _is_list(value: object) -> bool:
+    """Whether a value has items: scalars of NumPy have none."""
+    return isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0
 
 
 def _words(kind: Any) -> str:

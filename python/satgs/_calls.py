@@ -284,7 +284,8 @@ def learn(out: PathLike, **options: Unpack[o.LearnOptions]) -> r.Learned | r.Wri
         InputError: An option is wrong.
         FailedError: A file cannot be written.
     """
-    is_written_only = options.get("start") is not None and not options.get("scenes")
+    scenes = options.get("scenes")
+    is_written_only = options.get("start") is not None and (scenes is None or len(scenes) == 0)
     result: type[r.Learned | r.WrittenModel] = r.WrittenModel if is_written_only else r.Learned
     return _only(result, "learn", {"out": out, **options})
 

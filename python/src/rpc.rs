@@ -193,7 +193,7 @@ impl<'py> Arrays<'py> {
         let double = numpy.getattr("float64")?;
         let mut arrays = Vec::new();
         for value in given {
-            arrays.push(numpy.call_method1("asarray", (value, &double))?);
+            arrays.push(numpy.call_method1("require", (value, &double, "CA"))?);
         }
         let alike = numpy.call_method1("broadcast_arrays", PyTuple::new(py, arrays)?)?;
         let arrays: [PyReadonlyArrayDyn<'py, f64>; 3] = alike.extract()?;

@@ -89,6 +89,10 @@ pub fn render_splats<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let splats = groups.splats()?;
     let (focal, principal, cam_from_site, center, size) = camera;
+    if size.0 == 0 || size.1 == 0 {
+        let text = format!("the camera has {} x {} pixels, expected 1 or more", size.0, size.1);
+        return Err(PyValueError::new_err(text));
+    }
     let photo = TrainedPhoto {
         name: String::new(),
         role: Role::Train,

@@ -40,7 +40,7 @@ pub struct Args {
     /// Axes of --ply and --compressed-ply
     #[arg(long, value_enum, default_value = "3dgs", conflicts_with_all = ["colmap", "spz", "gltf", "tiles3d"])]
     variant: Variant,
-    /// Write the splats to this .spz file (version 3): positions in steps of 0.24 mm within 2 km
+    /// Write the splats to this .spz file (version 3): positions in steps of 0.24 mm or less if all lie within 2 km
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["spz"]))]
     spz: Option<PathBuf>,
     /// Write the splats to this .glb file with KHR_gaussian_splatting

@@ -4,7 +4,7 @@ use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
 use super::scene_kind::SceneKind;
 use super::{CliError, Ui, perspective_info, splat_info};
-use crate::estimate::{BEST_CONVERGENCE_DEG, Cost, Imaging, best_convergence_deg};
+use crate::estimate::{BEST_CONVERGENCE_DEG, Imaging, best_convergence_deg};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::mvs::DSM_CELL_M;
 use crate::perspective::PerspectiveScene;
@@ -18,8 +18,6 @@ use std::path::PathBuf;
 
 /// Pairs listed when there are too many views for a matrix.
 const LISTED_PAIRS: usize = 5;
-/// Area of a tile with its overlap and margins, as a multiple of its core.
-const TILE_AND_MARGINS: f64 = 1.7;
 /// Views up to which a matrix fits a terminal.
 const MATRIX_VIEWS: usize = 8;
 
@@ -352,13 +350,9 @@ fn expectation(scene: &Scene, of_views: &[Row], pairs: &Pairs, o: &Overlap) -> S
     let Some(gsd_m) = gsd.get(gsd.len() / 2).copied() else { return String::new() };
     let imaging = Imaging { views, convergence_deg: best_convergence_deg(angles), gsd_m };
     let (low_m, high_m) = scene.heights().range();
-    let cost_of = |area_m2: f64| imaging.run_size(&recipe, area_m2, high_m - low_m, DSM_CELL_M).cost();
     let [(columns, width), (rows, height)] = PlanOptions::default().cores([east - west, north - south]);
     let tiles = columns * rows;
-    let of_each = if tiles > 1 { TILE_AND_MARGINS } else { 1.0 };
-    // Tiles are in memory one at a time.
-    let Cost { core_seconds, memory_mb } = cost_of(of_each * width * height);
-    let cost = Cost { core_seconds: core_seconds * tiles as f64, memory_mb };
+    let cost = imaging.cost(&recipe, (tiles, [width, height]), high_m - low_m, DSM_CELL_M);
     let tiles = if tiles > 1 { "; the area is cut into tiles, of which `satgs plan` tells more" } else { "" };
     format!("{}{tiles}\n", imaging.text(cost, rayon::current_num_threads()))
 }

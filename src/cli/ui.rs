@@ -128,7 +128,7 @@ impl<'a> Ui<'a> {
     /// The work is done but for a part: an error of the command, a warning of a call, whose result says it too.
     pub(super) fn partial(&self, message: String, hint: String) -> Result<(), CliError> {
         let Some(caller) = self.caller else { return Err(CliError::partial(message, hint)) };
-        caller.event(Event::Warning(message));
+        caller.event(Event::Warning(format!("{message}; {hint}")));
         Ok(())
     }
 

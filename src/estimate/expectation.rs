@@ -16,6 +16,8 @@ use crate::stats::quantile;
 const ERROR_PX: [(usize, f64); 5] = [(2, 2.5), (3, 1.9), (4, 1.7), (5, 1.3), (10, 1.2)];
 /// Convergence angles for which the error of a pair was measured, degrees.
 const MEASURED_DEG: std::ops::RangeInclusive<f64> = 10.0..=30.0;
+/// Area of a tile with its overlap and margins, as a multiple of its core.
+const TILE_AND_MARGINS: f64 = 1.7;
 /// The convergence angle with the best heights, degrees: the base is long enough, and the images are still similar.
 pub const BEST_CONVERGENCE_DEG: f64 = 20.0;
 /// The convergence angle, of those of all pairs of views, that is nearest to [`BEST_CONVERGENCE_DEG`]; NaN without pairs.
@@ -72,6 +74,22 @@ impl Imaging {
             pixels: (self.views as f64 * area_m2 / self.gsd_m.powi(2)) as usize,
             iterations: recipe.clone().for_views(self.views).iterations,
         }
+    }
+
+    /// The cost of an area that is trained in so many tiles of these sides, metres, one after the other; otherwise as
+    /// [`Imaging::run_size`].
+    #[must_use]
+    pub fn cost(
+        &self,
+        recipe: &Recipe,
+        (tiles, sides_m): (usize, [f64; 2]),
+        height_m: f64,
+        cell_m: f64,
+    ) -> Cost {
+        let larger = if tiles > 1 { TILE_AND_MARGINS } else { 1.0 };
+        let area_m2 = larger * sides_m[0] * sides_m[1];
+        let Cost { core_seconds, memory_mb } = self.run_size(recipe, area_m2, height_m, cell_m).cost();
+        Cost { core_seconds: core_seconds * tiles as f64, memory_mb }
     }
 
     /// The error to expect.

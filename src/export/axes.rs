@@ -1,8 +1,7 @@
 //! The axes of splat files.
 
-use crate::splat::harmonics_turn;
 use crate::splat::splats::Splats;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 
 /// Where x, y and z of a file point, for splats in a site frame. Splats without a place on Earth are turned in the same way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,6 +45,11 @@ impl Axes {
         DMat3::from_cols(rows[0], rows[1], rows[2]).transpose()
     }
 
+    /// A place of the site frame from one in these axes.
+    pub(super) fn place_in_site(self, place: [f32; 3]) -> [f64; 3] {
+        (self.file_from_site().transpose() * DVec3::from_array(place.map(f64::from))).to_array()
+    }
+
     /// Splats in these axes.
     #[must_use]
     pub fn from_site(self, splats: Splats) -> Splats {
@@ -60,26 +64,15 @@ impl Axes {
 }
 
 /// Splats turned about the origin, with the colours that depend on the direction.
-pub(super) fn turned(mut splats: Splats, rotation: DMat3) -> Splats {
+fn turned(mut splats: Splats, rotation: DMat3) -> Splats {
     if rotation == DMat3::IDENTITY {
         return splats;
     }
     for position in &mut splats.position {
         *position = (rotation * DVec3::from_array(position.map(f64::from))).as_vec3().to_array();
     }
-    turn_shapes(&mut splats, rotation);
+    splats.turn_shapes(rotation);
     splats
-}
-
-/// Turns orientations and colours of splats, which stay where they are.
-pub(super) fn turn_shapes(splats: &mut Splats, rotation: DMat3) {
-    let turn = DQuat::from_mat3(&rotation);
-    for value in &mut splats.rotation {
-        let [w, x, y, z] = value.map(f64::from);
-        let q = turn * DQuat::from_xyzw(x, y, z, w);
-        *value = [q.w, q.x, q.y, q.z].map(|v| v as f32);
-    }
-    harmonics_turn::turn(&mut splats.f_rest, rotation);
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::splat::splats::{Splats, logit};
 
-/// Names of these are in `f_rest` channel by channel, fifteen coefficients each.
+/// Coefficients of a colour channel in `f_rest`, which holds one channel after the other.
 pub(super) const OF_CHANNEL: usize = 15;
 
 /// Number of coefficients of a channel up to a degree, without the constant one.

@@ -66,7 +66,7 @@ impl SplatFile {
             Some(_) if compressed_ply::is_one(&bytes) => {
                 (SplatFormat::CompressedPly, compressed_ply::decode(&bytes).map_err(refused)?)
             }
-            Some(_) => (SplatFormat::Ply, ply::read(path)?),
+            Some(_) => (SplatFormat::Ply, ply::decode(path, &bytes)?),
             None => return Err(refused("it does not end in .ply, .spz or .glb".into())),
         };
         let beside =
@@ -138,8 +138,10 @@ impl SplatFile {
         };
         let on_map = || {
             let origin = self.site?.origin.xyz();
-            let corners = corners(&self.clone().into_site())?;
-            Some(corners.map(|corner| std::array::from_fn(|k| origin[k] + f64::from(corner[k]))))
+            // The axes of files are those of the site frame in another order or direction.
+            let [a, b] = corners(&self.splats)?.map(|corner| self.axes.place_in_site(corner));
+            let corner = |of: fn(f64, f64) -> f64| std::array::from_fn(|k| origin[k] + of(a[k], b[k]));
+            Some([corner(f64::min), corner(f64::max)])
         };
         SplatFileInfo {
             format: self.format,

@@ -145,6 +145,9 @@ pub fn decode(bytes: &[u8]) -> Result<(Splats, Option<SiteGrid>), String> {
             *position = std::array::from_fn(|k| (f64::from(position[k]) + by[k]) as f32);
         }
     }
+    if splats.position.as_flattened().iter().any(|v| !v.is_finite()) {
+        return Err("a splat is moved beyond what single precision holds".into());
+    }
     let extras = &document["scenes"][0]["extras"];
     let number = |name: &str| extras[name].as_f64();
     let site = || {
@@ -261,7 +264,11 @@ impl Reader<'_> {
                     continue;
                 }
                 splats.f_rest.resize(n, [0.0; 3 * OF_CHANNEL]);
-                for (rest, value) in splats.f_rest.iter_mut().zip(self.floats::<3>(&name)?) {
+                let values = self.floats::<3>(&name)?;
+                if values.len() != n {
+                    return Err(format!("attribute `{name}` has {} values for {n} splats", values.len()));
+                }
+                for (rest, value) in splats.f_rest.iter_mut().zip(values) {
                     (0..3).for_each(|c| rest[OF_CHANNEL * c + coefficients(l - 1) + m] = value[c]);
                 }
             }

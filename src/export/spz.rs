@@ -51,7 +51,8 @@ fn fraction_bits(splats: &Splats) -> Result<u8, ExportError> {
     let farthest = splats.position.as_flattened().iter().fold(0.0f32, |m, v| m.max(v.abs()));
     // The largest number of a file is 2^23 - 1 steps; the next power of two stands for what is rounded up.
     let whole_bits = (f64::from(farthest) * (1.0 + 1e-6)).max(1e-6).log2().ceil() as i32;
-    let fits = COORDINATE_BITS - 1 - whole_bits;
+    // Readers know no more bits after the point than a coordinate has.
+    let fits = (COORDINATE_BITS - 1 - whole_bits).min(COORDINATE_BITS);
     let bits = fits.min(USUAL_BITS.max(SMALL_BITS - whole_bits));
     u8::try_from(bits).map_err(|_| ExportError::TooWide { farthest })
 }
@@ -223,7 +224,7 @@ mod tests {
             (step(&splats).unwrap().log2(), decode(&encode(&splats).unwrap()).unwrap().position[0])
         };
         for (farthest, bits) in
-            [(0.9, -20.0), (10.0, -16.0), (300.0, -12.0), (2047.0, -12.0), (5000.0, -10.0)]
+            [(0.001, -24.0), (0.9, -20.0), (10.0, -16.0), (300.0, -12.0), (2047.0, -12.0), (5000.0, -10.0)]
         {
             let (step, read) = of(farthest);
             assert_eq!(step, bits);

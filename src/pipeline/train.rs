@@ -192,8 +192,9 @@ fn tell_expectation(training: &Training, progress: &dyn Progress) {
         return;
     }
     let ((west, south, east, north), (low, high)) = (setup.area, setup.altitudes);
-    let size = imaging.run_size(&training.recipe, (east - west) * (north - south), high - low, DSM_CELL_M);
-    progress.event(Event::Note(imaging.text(size.cost(), rayon::current_num_threads())));
+    let whole = (1, [east - west, north - south]);
+    let cost = imaging.cost(&training.recipe, whole, high - low, DSM_CELL_M);
+    progress.event(Event::Note(imaging.text(cost, rayon::current_num_threads())));
 }
 
 /// What a training is made from; its keys are the names of options on the command line.

@@ -3,7 +3,7 @@
 use super::error::PriorError;
 use super::folder::ENDS;
 use super::process::Call;
-use crate::io::{WriteError, vsi};
+use crate::io::{Grid2, WriteError, vsi};
 use crate::perspective::PerspectiveView;
 use crate::progress::Progress;
 use std::ffi::{OsStr, OsString};
@@ -93,6 +93,17 @@ impl PriorCommand {
 
 /// A path of the image that a program can open: its own, else that of a copy in `folder`.
 fn local_image(view: &PerspectiveView, folder: &Path) -> Result<PathBuf, PriorError> {
+    if view.turned.is_some() {
+        // Programs differ in whether they turn a photograph as its EXIF says: they get it as it is displayed.
+        let planes = view.read_file()?;
+        let Grid2 { width, height, .. } = planes[0];
+        let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
+        let rgb: Vec<u8> =
+            (0..width * height).flat_map(|i| planes.each_ref().map(|p| byte(p.data[i]))).collect();
+        let copy = with_end(&folder.join(&view.name), "png");
+        crate::io::write_png_rgb(&copy, width, height, &rgb)?;
+        return Ok(std::path::absolute(&copy).unwrap_or(copy));
+    }
     if view.image.is_file() {
         let absolute = std::path::absolute(&view.image);
         return Ok(absolute.unwrap_or_else(|_| view.image.clone()));

@@ -263,7 +263,14 @@ impl Work<'_> {
     fn hashes(&self, views: &[&PerspectiveView]) -> Result<Vec<String>, PriorError> {
         let mut maker = self.maker.hash(self.content)?;
         let of = |view: &&PerspectiveView| -> Result<blake3::Hash, PriorError> {
-            Ok(vsi::content_hash(&view.image).map_err(|e| ReadError::new(&view.image, e))?)
+            let content = vsi::content_hash(&view.image).map_err(|e| ReadError::new(&view.image, e))?;
+            // A map of the image as displayed is another one than that of the image as stored.
+            Ok(view.turned.map_or(content, |turned| {
+                blake3::Hasher::new()
+                    .update(content.as_bytes())
+                    .update(format!("{turned:?}").as_bytes())
+                    .finalize()
+            }))
         };
         let images: Vec<Result<blake3::Hash, PriorError>> = views.par_iter().map(of).collect();
         let images: Vec<blake3::Hash> = images.into_iter().collect::<Result<_, _>>()?;

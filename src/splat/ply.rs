@@ -216,9 +216,17 @@ impl PlyTable {
 /// [`PlyError`] if the file cannot be read, is cut off, lacks a property, or has values that are not finite.
 pub fn read(path: &Path) -> Result<Splats, PlyError> {
     let bytes = std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
+    decode(path, &bytes)
+}
+
+/// As [`read`], of the content of a file, which errors name.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<Splats, PlyError> {
     let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
     let PlyTable { offset, rows: count, columns: properties } =
-        PlyTable::parse(path, &bytes, bytes.len() as u64)?;
+        PlyTable::parse(path, bytes, bytes.len() as u64)?;
     let stride = 4 * properties.len();
     let body = &bytes[offset..];
     let at = |name: &str| {

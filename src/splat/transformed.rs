@@ -2,7 +2,7 @@
 
 use super::harmonics_turn;
 use super::primitive::PrimitiveKind;
-use super::splats::{Splats, unit_quaternion};
+use super::splats::Splats;
 use crate::perspective::SimilarityTransform;
 use glam::{DMat3, DQuat, DVec3};
 
@@ -21,14 +21,19 @@ impl Splats {
         for size in out.log_scale.iter_mut().flat_map(|sizes| &mut sizes[..axes]) {
             *size = (f64::from(*size) + scale.ln()) as f32;
         }
+        out.turn_shapes(rotation);
+        out
+    }
+
+    /// Turns attitudes, and colours that depend on the direction; positions stay.
+    pub fn turn_shapes(&mut self, rotation: DMat3) {
         let turn = DQuat::from_mat3(&rotation);
-        for attitude in &mut out.rotation {
-            let [w, x, y, z] = unit_quaternion(attitude.map(f64::from));
+        for attitude in &mut self.rotation {
+            let [w, x, y, z] = attitude.map(f64::from);
             let q = turn * DQuat::from_xyzw(x, y, z, w);
             *attitude = [q.w, q.x, q.y, q.z].map(|v| v as f32);
         }
-        harmonics_turn::turn(&mut out.f_rest, rotation);
-        out
+        harmonics_turn::turn(&mut self.f_rest, rotation);
     }
 }
 
@@ -36,6 +41,7 @@ impl Splats {
 mod tests {
     use super::*;
     use crate::splat::harmonics::{SeenFrom, colors};
+    use crate::splat::splats::unit_quaternion;
 
     fn turn() -> [[f64; 3]; 3] {
         let by = DMat3::from_euler(glam::EulerRot::XYZ, 0.4, -1.1, 2.3);

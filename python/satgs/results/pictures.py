@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from satgs.results.adjustment import FitQuality
+
 
 @dataclass(frozen=True)
 class Rendered:
@@ -118,28 +120,18 @@ class MeshSummary:
 
 
 @dataclass(frozen=True)
-class MeshAlignment:
+class MeshAlignment(FitQuality):
     """The similarity that places a mesh, from the camera centres of the same images.
 
     Attributes:
         images: Number of images in both.
         scale: Its scale.
         by_attitudes: Whether the attitudes of the cameras were needed, because their centres lie near a line.
-        points: Number of centres that were fitted.
-        redundancy: Number of measurements beyond those that the unknowns need.
-        rms_m: Root mean square distance of the centres, metres.
-        worst: The fitted image farthest from the fit, and its distance, metres.
-        left_out: Images that disagree with the others and were left out, and their distances.
     """
 
     images: int
     scale: float
     by_attitudes: bool
-    points: int
-    redundancy: int
-    rms_m: float
-    worst: tuple[str, float] | None
-    left_out: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)

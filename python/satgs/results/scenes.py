@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from satgs._site import Site
 from satgs.results.adjustment import FitQuality
 
 
@@ -230,19 +231,6 @@ class Reprojection:
 
 
 @dataclass(frozen=True)
-class SiteGrid:
-    """A frame on a map: metres east, north and up from an origin.
-
-    Attributes:
-        epsg: EPSG code of the map projection.
-        origin: Easting, northing and ellipsoidal height of the origin, metres.
-    """
-
-    epsg: int
-    origin: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
 class PositionFit(FitQuality):
     """How GPS positions of photographs place a scene.
 
@@ -273,7 +261,7 @@ class Georeference:
         fit: How positions of photographs agree; ``None`` of a file.
     """
 
-    grid: SiteGrid
+    grid: Site
     scale: float
     rotation: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
     translation: tuple[float, float, float]
@@ -413,7 +401,7 @@ class SplatFileInfo:
     degree: int
     axes: tuple[str, str, str]
     bounds: tuple[tuple[float, float, float], tuple[float, float, float]] | None
-    site: SiteGrid | None
+    site: Site | None
     map_bounds: tuple[tuple[float, float, float], tuple[float, float, float]] | None
 
 

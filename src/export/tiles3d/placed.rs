@@ -1,6 +1,5 @@
 //! Splats of a site, placed in a level frame.
 
-use super::super::axes::turn_shapes;
 use crate::frame::{LevelFrame, Point, Site, SiteGrid};
 use crate::splat::splats::Splats;
 use glam::{DMat3, DVec3};
@@ -25,7 +24,7 @@ pub fn place(mut splats: Splats, site: &SiteGrid, level: &LevelFrame) -> Option<
     };
     let east = along(HALF_STEP_M, 0.0).normalize();
     let up = east.cross(along(0.0, HALF_STEP_M)).normalize();
-    turn_shapes(&mut splats, DMat3::from_cols(east, up.cross(east), up));
+    splats.turn_shapes(DMat3::from_cols(east, up.cross(east), up));
     let is_finite = splats.groups().iter().all(|group| group.iter().all(|v| v.is_finite()));
     is_finite.then_some(splats)
 }

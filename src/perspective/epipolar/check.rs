@@ -34,6 +34,9 @@ const FEWEST_OF_A_VIEW: usize = 2;
 const MATCHING: f64 = 0.8;
 const MANY_KEYPOINTS: usize = 150;
 const FEWEST_COMPARED: usize = 3;
+/// Points that a reconstruction saw in a view, so that it matched others there. Whether the file is still that of these points is
+/// told by their colours.
+const FEWEST_OBSERVED: usize = 20;
 /// Number of views beside a view without matches that are compared with each other, and the fewest pairs of them that must agree.
 const WITNESSES: usize = 4;
 const FEWEST_WITNESSING: usize = 2;
@@ -92,7 +95,13 @@ impl PoseCheck {
         let features: Vec<Option<ViewFeatures>> =
             views.par_iter().map(|view| ViewFeatures::of(view)).collect();
         let beside = neighbours(&cameras, &usual_depths(&cameras, points), COMPARED_AGAIN);
-        let all = Views { features: &features, poses: &poses, neighbours: &beside };
+        let is_reconstructed: Vec<bool> = views.iter().map(|v| v.observed.len() >= FEWEST_OBSERVED).collect();
+        let all = Views {
+            features: &features,
+            poses: &poses,
+            is_reconstructed: &is_reconstructed,
+            neighbours: &beside,
+        };
         let (pairs, compared) = all.matched();
         let residual = |pair: MatchedPair| {
             let px = pair.residual_px(pair.views.map(|v| &poses[v]))?;
@@ -219,8 +228,9 @@ fn findings(
         let is_inside = |f: &&Fitted| f.agrees() && f.pair.views.iter().all(|v| beside.contains(v));
         fitted.iter().filter(is_inside).count() >= FEWEST_WITNESSING
     };
-    let is_strange =
-        |i: &usize| !has_pair(*i) && is_rich(*i) && compared[*i] >= FEWEST_COMPARED && is_between(*i);
+    // A view of a reconstruction has matched others there, in more detail than here.
+    let may_be_strange = |i: usize| !has_pair(i) && is_rich(i) && !views.is_reconstructed[i];
+    let is_strange = |i: &usize| may_be_strange(*i) && compared[*i] >= FEWEST_COMPARED && is_between(*i);
     let strange: Vec<usize> = match matching >= MATCHING {
         true => (0..views.poses.len()).filter(is_strange).collect(),
         false => Vec::new(),

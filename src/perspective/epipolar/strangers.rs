@@ -13,6 +13,8 @@ const COMPARED: usize = 3;
 pub(super) struct Views<'a> {
     pub(super) features: &'a [Option<ViewFeatures>],
     pub(super) poses: &'a [Pose],
+    /// Whether a reconstruction says which of its points the view shows.
+    pub(super) is_reconstructed: &'a [bool],
     /// Views beside each one, the best first.
     pub(super) neighbours: &'a [Vec<usize>],
 }
