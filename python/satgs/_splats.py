@@ -209,7 +209,7 @@ class Splats:
             nearest: Depth up to which nothing is drawn.
 
         Raises:
-            ValueError: A value of a splat is not finite.
+            ValueError: A value of a splat is not finite, or the camera has no pixels.
         """
         c = camera
         seen = _satgs.render_splats(self._groups(), (c.focal, c.principal, c.cam_from_world, c.center, c.size), nearest)

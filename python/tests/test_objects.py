@@ -113,6 +113,8 @@ def test_a_camera_that_moves_with_the_splats_sees_the_same(made: Made) -> None:
     pixel = np.array([10.0, 20.0])
     assert np.allclose(camera.project(camera.unproject(pixel, np.float64(12.0))), pixel)
     assert np.isnan(camera.project(2 * eye - middle)).all() and camera.resized(0.5).size == (24, 16)
+    with pytest.raises(ValueError, match="0 x 0 pixels"):
+        splats.render(camera.resized(0.001))
     seen = splats.render(camera)
     assert seen.colors.shape == (32, 48, 3) and seen.depth.shape == (32, 48) and seen.normals is None
     assert seen.opacity.mean() > 0.5 and np.nanmedian(seen.depth) > 100.0

@@ -52,7 +52,11 @@ def test_arguments_are_broadcast(rpc: satgs.Rpc) -> None:
     assert one_col.shape == () and abs(float(one_col) - col[2, 4]) < 1e-9 and abs(float(one_row) - row[2, 4]) < 1e-9
     # Other types, orders and strides of the same numbers.
     turned, _ = rpc.project(np.asfortranarray(np.broadcast_to(lons, (3, 5))), lats.tolist(), int(h))
-    assert turned.shape == (3, 5)
+    assert np.array_equal(turned, col)
+    packed = np.zeros(5, dtype=[("a", "u1"), ("b", "<f8")])
+    packed["b"] = lons
+    unaligned, _ = rpc.project(packed["b"], lats, h)
+    assert np.array_equal(unaligned, col)
     strided, _ = rpc.project(np.repeat(lons, 2)[::2], lats, h)
     assert np.array_equal(strided, col)
     assert rpc.project([], [], [])[0].shape == (0,)
