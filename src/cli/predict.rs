@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// Points within half a metre are merged, and points far from all others dropped; the command prints how many. A network
 /// then predicts a splat every half metre of the surface and of walls between neighbouring heights (of photographs, every
 /// third of the distance of the points), from the points around and from what the images show there. It was trained on
-/// simulated towns; `satgs learn` trains others.
+/// simulated towns; `satgs learn` trains others. Of photographs, splats are flat ones without a network unless --model is given.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Examples:
   satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast && satgs nvs-eval fast
@@ -44,7 +44,7 @@ pub struct Args {
     /// Model, made by `satgs learn`, or an ONNX network of your own
     ///
     /// A network has the inputs and the output that `satgs learn OUT.onnx --from built-in` writes [default: the model that comes with
-    /// satgs].
+    /// satgs; of photographs none].
     #[arg(long, value_name = "FILE.safetensors|FILE.onnx")]
     model: Option<PathBuf>,
     /// ONNX file of the network of image features (such as DINOv2) that the model was trained with (`satgs learn --image-features`)

@@ -216,8 +216,13 @@ fn splats_of_photographs_are_predicted_from_their_points_and_training_goes_on_fr
             succeeds(&[&["predict", &room, "-o", out, "--test-views", "5", "--json"][..], more].concat());
         serde_json::from_slice::<Value>(&output.stdout).unwrap()
     };
-    let predicted = predict(&out, &[]);
+    let of_towns = concat!(env!("CARGO_MANIFEST_DIR"), "/data/models/points-to-splats.safetensors");
+    let predicted = predict(&out, &["--model", of_towns]);
     predict(&flat, &["--without-network", "flat"]);
+    // The model of the program has seen towns only.
+    predict(&path("plain"), &[]);
+    let bytes = |run: &str| std::fs::read(Path::new(run).join("splats.ply")).unwrap();
+    assert!(bytes(&path("plain")) == bytes(&flat), "without a model splats of photographs are flat");
     let psnr = |run: &str| {
         let scores = succeeds(&["nvs-eval", run, "--json"]);
         find(&serde_json::from_slice(&scores.stdout).unwrap(), "psnr_db").unwrap().as_f64().unwrap()

@@ -351,3 +351,42 @@ impl Target for PhotographTarget {
         self.crop.squared_error(objective.view())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec2, DVec3};
+
+    /// A gray wall of splats across the optical axis at a depth.
+    fn wall(depth: f32) -> Splats {
+        let mut out = Splats::default();
+        for i in 0..400 {
+            let [x, y] = [i % 20, i / 20].map(|k| 0.2 * (k as f32 - 9.5) * depth / 4.0);
+            out.push([x, y, depth], 0.15 * depth / 4.0, 0.9, [0.5; 3]);
+        }
+        out
+    }
+
+    #[test]
+    fn a_wall_of_the_right_colour_at_a_wrong_depth_is_moved_to_the_depth_that_was_measured() {
+        let camera = PinholeCamera {
+            cam_from_site: DMat3::IDENTITY,
+            center: DVec3::ZERO,
+            focal: DVec2::splat(40.0),
+            principal: DVec2::splat(15.5),
+            size: (32, 32),
+        };
+        let crop = Crop::of(camera.size, |_, _| Some([0.5; 3])).unwrap();
+        let values = Grid2::filled(32, 32, 4.0);
+        let depth = DepthPrior { values, kind: DepthKind::Measured };
+        let depths = PriorTargets::new(ViewPriors { depth: Some(depth), normal: None }, &camera);
+        let target = PhotographTarget { camera, crop, depths };
+        let evaluate = |depth| {
+            let (loss, gradient) = target.evaluate(&wall(depth), [0.0; 3]).unwrap();
+            (loss, gradient.position.iter().map(|by| f64::from(by[2])).sum::<f64>())
+        };
+        let [near, right, far] = [3.6, 4.0, 4.4].map(evaluate);
+        assert!(right.0 + 0.015 < near.0.min(far.0), "{near:?} {right:?} {far:?}");
+        assert!(near.1 < -0.01 && far.1 > 0.01, "{near:?} {far:?}");
+    }
+}

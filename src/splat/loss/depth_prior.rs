@@ -33,15 +33,17 @@ pub(super) const LEAST_OPACITY: f64 = 0.5;
 const JUMP: f64 = 0.05;
 /// Without a greater mean square of the deviations, as a share of the squared mean, values count as equal.
 const LEAST_VARIANCE: f64 = 1e-12;
-/// Channels of the render that the term depends on.
-const CHANNELS: [usize; 2] = [channel::DEPTH, disc_plane::TRANSMITTANCE];
+/// Channels of the render that the term depends on, sum of depths and transmittance: of ellipsoids and of discs.
+const OF_ELLIPSOIDS: [usize; 2] = [channel::DEPTH, channel::TRANSMITTANCE];
+const OF_DISCS: [usize; 2] = [channel::DEPTH, disc_plane::TRANSMITTANCE];
 
 /// The term; keeps its buffers between calls.
 #[derive(Default)]
 pub struct DepthPriorAgreement<T> {
     by_view: Image<T>,
     depths: ExpectedDepths,
-    is_evaluated: bool,
+    /// Channels of the render that the last evaluation depended on; none if the term was zero.
+    channels: Option<&'static [usize; 2]>,
 }
 
 impl<T: SimdReal> DepthPriorAgreement<T> {
@@ -119,7 +121,7 @@ struct ExpectedDepths {
 impl ExpectedDepths {
     /// Computes the depths of the pixels that are compared, and their bends; returns the number of these pixels and the sum of
     /// the absolute bends.
-    fn compute<T: SimdReal>(&mut self, view: &Image<T>, prior: &Grid2) -> (f64, f64) {
+    fn compute<T: SimdReal>(&mut self, view: &Image<T>, channels: &[usize; 2], prior: &Grid2) -> (f64, f64) {
         let (width, height) = (view.width, view.height);
         self.width = width;
         self.depth.resize(width * height, 0.0);
@@ -128,7 +130,7 @@ impl ExpectedDepths {
         let rows = self.depth.par_chunks_mut(width).zip(self.inverse.par_chunks_mut(width));
         let counts =
             rows.zip(prior.data.par_chunks(width)).enumerate().map(|(row, ((depth, inverse), prior))| {
-                let [sums, through] = CHANNELS.map(|channel| view.row(channel, row));
+                let [sums, through] = channels.map(|channel| view.row(channel, row));
                 let mut count = 0;
                 for (col, (depth, inverse)) in depth.iter_mut().zip(inverse).enumerate() {
                     let opacity = 1.0 - through[col].as_f64();
@@ -201,12 +203,13 @@ fn bend([a, z, b]: [f64; 3], around: f64) -> f64 {
 impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
     fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
         columns.fill(0.0);
-        self.is_evaluated = false;
+        self.channels = None;
         let has_weight = weights.iter().any(|weight| *weight > 0.0);
-        let priors = rendered.priors.filter(|_| rendered.discs.is_some() && has_weight);
+        let priors = rendered.priors.filter(|_| has_weight);
         let Some(prior) = priors.and_then(|priors| priors.depth.as_ref()) else { return 0.0 };
         let (view, kind, values) = (rendered.view, prior.kind, &prior.values);
-        let (pixels, bends) = self.depths.compute(view, values);
+        let channels = if rendered.discs.is_some() { &OF_DISCS } else { &OF_ELLIPSOIDS };
+        let (pixels, bends) = self.depths.compute(view, channels, values);
         let (width, depths) = (view.width, &self.depths);
         let is_measured = kind == DepthKind::Measured;
         let correlation = (!is_measured).then(|| {
@@ -219,13 +222,13 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
         let correlation = correlation.flatten();
         let per_pixel = 1.0 / pixels.max(1.0);
         let (of_agreement, of_bends) = (weights[0], weights[1] * per_pixel);
-        self.by_view.resize(width, view.height, CHANNELS.len());
-        let rows = self.by_view.data.par_chunks_mut(CHANNELS.len() * width).enumerate();
+        self.by_view.resize(width, view.height, channels.len());
+        let rows = self.by_view.data.par_chunks_mut(channels.len() * width).enumerate();
         let off: Vec<f64> = rows
             .map(|(row, by)| {
                 by.fill(T::zero());
                 let (by_sum, by_through) = by.split_at_mut(width);
-                let through = view.row(disc_plane::TRANSMITTANCE, row);
+                let through = view.row(channels[1], row);
                 let mut sum = 0.0;
                 for col in 0..width {
                     let i = row * width + col;
@@ -255,12 +258,12 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
             _ => correlation.as_ref().map_or(0.0, |c| 1.0 - c.value()),
         };
         columns[1] = per_pixel * bends;
-        self.is_evaluated = true;
+        self.channels = Some(channels);
         weights[0] * columns[0] + weights[1] * columns[1]
     }
 
     fn by_view(&self) -> Option<ByView<'_, T>> {
         let scaled = Scaled { image: &self.by_view, factor: T::one() };
-        self.is_evaluated.then_some(ByView { scaled, channels: &CHANNELS })
+        self.channels.map(|channels| ByView { scaled, channels })
     }
 }

@@ -8,8 +8,8 @@ use super::super::harmonics::{SeenFrom, colors, colors_backward};
 use super::super::loss::{DiscView, LossWeights, Losses, PriorTargets, Rendered, SurfaceDepth, TermSet};
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
-    DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, Scaled, SortedSplats,
-    SplatGradient, channel, disc_plane,
+    DiscWithMoments, EllipsoidWithTransmittance, FrameCamera, Image, Primitive, Rasterizer, Scaled,
+    SortedSplats, SplatGradient, channel, disc_plane,
 };
 use super::super::seen_gradient::SeenGradient;
 use super::super::splats::Splats;
@@ -57,7 +57,7 @@ impl<T: SimdReal> PinholeStep<'_, T> {
 }
 
 /// The objective of ellipsoids: features are red, green, blue and depth.
-pub type EllipsoidObjective<T> = PinholeObjective<T, 4, Ellipsoid>;
+pub type EllipsoidObjective<T> = PinholeObjective<T, { channel::TRANSMITTANCE }, EllipsoidWithTransmittance>;
 /// The objective of discs: features are red, green, blue, depth and the normal that faces the camera, in site axes.
 pub type DiscObjective<T> = PinholeObjective<T, { disc_plane::FEATURES }, DiscWithMoments>;
 

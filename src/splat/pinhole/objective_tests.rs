@@ -110,6 +110,14 @@ fn gradients_of_the_whole_loss_agree_with_central_differences() {
     compare_with_differences(objective, &scene(40), &weights, None);
 }
 
+#[test]
+fn gradients_of_ellipsoids_with_measured_depths_agree_with_central_differences() {
+    let objective = objective(PrimitiveKind::Ellipsoid, terms(TermInputs::default()));
+    let priors = PriorTargets::new(priors(DepthKind::Measured), &camera());
+    let weights = LossWeights::of(&[("depth_prior", 3.0), ("depth_smoothness", 2.0)]).unwrap();
+    compare_with_differences(objective, &scene(40), &weights, Some(&priors));
+}
+
 /// Random priors of the tests' camera, with a tenth of the pixels unknown.
 fn priors(kind: DepthKind) -> ViewPriors {
     let (width, height) = camera().size;

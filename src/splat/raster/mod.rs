@@ -36,7 +36,7 @@ mod tests;
 pub use constants::{ALPHA_CUT, ALPHA_MAX, LOW_PASS_PX2, MIN_TRANSMITTANCE};
 pub use image::{Image, channel, disc_plane};
 pub(in crate::splat) use image::{STRIPES, stripe_rows};
-pub use primitive::{Disc, DiscWithMoments, Ellipsoid, Primitive};
+pub use primitive::{Disc, DiscWithMoments, Ellipsoid, EllipsoidWithTransmittance, Primitive};
 pub use project::FrameCamera;
 pub use rasterizer::{MAX_SIDE, Rasterizer};
 pub use renderer::{Renderer, renderer};

@@ -62,6 +62,8 @@ pub trait Primitive: Copy + Debug + Default + Send + Sync + 'static {
     const MOMENTS: usize;
     /// Number of planes after the transmittance: the median depth.
     const MEDIANS: usize;
+    /// Whether the loss has derivatives by all planes of an image, not only by those of the features.
+    const TRAINS_ALL_PLANES: bool;
     /// The slope of the plane.
     type Slope<T: Real>: StoredNumbers<T, 2>;
     /// Sums over pixels from which the derivative by the slope follows.
@@ -83,7 +85,7 @@ pub trait Primitive: Copy + Debug + Default + Send + Sync + 'static {
     /// Number of planes by which the loss has derivatives.
     #[inline(always)]
     fn trained_planes(features: usize) -> usize {
-        if Self::MOMENTS > 0 { Self::planes(features) } else { features }
+        if Self::TRAINS_ALL_PLANES { Self::planes(features) } else { features }
     }
 }
 
@@ -95,6 +97,20 @@ impl Primitive for Ellipsoid {
     const IS_FLAT: bool = false;
     const MOMENTS: usize = 0;
     const MEDIANS: usize = 0;
+    const TRAINS_ALL_PLANES: bool = false;
+    type Slope<T: Real> = ();
+    type SlopeSums<T: Real> = ();
+}
+
+/// An ellipsoid with derivatives by the transmittance too.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct EllipsoidWithTransmittance;
+
+impl Primitive for EllipsoidWithTransmittance {
+    const IS_FLAT: bool = false;
+    const MOMENTS: usize = 0;
+    const MEDIANS: usize = 0;
+    const TRAINS_ALL_PLANES: bool = true;
     type Slope<T: Real> = ();
     type SlopeSums<T: Real> = ();
 }
@@ -107,6 +123,7 @@ impl Primitive for Disc {
     const IS_FLAT: bool = true;
     const MOMENTS: usize = 0;
     const MEDIANS: usize = 0;
+    const TRAINS_ALL_PLANES: bool = false;
     type Slope<T: Real> = [T; 2];
     type SlopeSums<T: Real> = [T; 4];
 }
@@ -120,6 +137,7 @@ impl Primitive for DiscWithMoments {
     const IS_FLAT: bool = true;
     const MOMENTS: usize = 2;
     const MEDIANS: usize = 1;
+    const TRAINS_ALL_PLANES: bool = true;
     type Slope<T: Real> = [T; 2];
     type SlopeSums<T: Real> = [T; 4];
 }

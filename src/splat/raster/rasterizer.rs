@@ -94,7 +94,7 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>, P: Primitive> Rasterizer<T
 
     /// Adds to `gradients` and `by_feature`, both in the order of ranks of the last render's `sorted`, the derivatives
     /// that follow from `by_pixel`, the loss's derivatives by the last render's pixels: by the `C` features, and of
-    /// [`DiscWithMoments`](super::DiscWithMoments) by all planes.
+    /// primitives that [train all planes](Primitive::TRAINS_ALL_PLANES) by all of them.
     ///
     /// This calls [`Rasterizer::pixels_backward`] and [`Rasterizer::gather`] in turn.
     pub fn backward(

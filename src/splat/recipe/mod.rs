@@ -158,7 +158,7 @@ pub struct PerspectiveRecipe {
     /// First iteration with the loss term `depth_distortion` of discs.
     #[serde(default)]
     pub distortion_from: u32,
-    /// First iteration with the loss terms of discs that compare with priors, `depth_prior`, `depth_smoothness` and
+    /// First iteration with the loss terms that compare with priors: `depth_prior`, `depth_smoothness` and, of discs,
     /// `normal_prior`.
     #[serde(default)]
     pub priors_from: u32,
