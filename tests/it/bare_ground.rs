@@ -52,7 +52,7 @@ fn the_ground_of_jax_068_is_found_under_its_halls() {
     let ground = ground_near(&surface, &classes);
     let of_lidar = errors(&bare_ground(&surface, 0.5), &ground, &classes);
     println!("lidar: MAE on ground, under buildings, under trees: {of_lidar:.2?} m");
-    assert!(of_lidar[0] < 0.5 && of_lidar[1] < 1.5 && of_lidar[2] < 1.0, "{of_lidar:?}");
+    assert!(of_lidar[0] < 0.5 && of_lidar[1] < 1.5 && of_lidar[2] < 1.5, "{of_lidar:?}");
 
     // A surface model that another program reconstructed from the images, on the same grid.
     let mut found = bare_ground(&HeightRaster::read(&scene.join("peer_s2p_dsm.tif")).unwrap().height, 0.5);
@@ -114,6 +114,7 @@ fn figures_of_the_guide() {
         (0.01 * col as f32).sin() * 10.0 + if is_house { 8.0 } else { 0.0 }
     });
     let start = std::time::Instant::now();
-    bare_ground(&large, 0.5);
+    let ground = bare_ground(&large, 0.5);
+    assert_eq!(ground.valid().count(), 16_000_000);
     println!("4000 x 4000 cells: {:.1} s", start.elapsed().as_secs_f64());
 }

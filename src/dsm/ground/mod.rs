@@ -34,7 +34,7 @@ const HALL_SLOPE: f64 = 0.6;
 /// Where the ground is steep, limits follow the median slope of means of blocks of 2^4 filter cells, in which trees and walls do
 /// not count, so that mountains keep their ridges. An opening by squares lowers a slope along both axes, hence the factor.
 const STEEPNESS_HALVINGS: usize = 4;
-const HALL_STEEPNESS: f64 = 2.0;
+const HALL_STEEPNESS: f64 = 3.0;
 /// A cell that lies this much lower than its neighbours is a wrong height, metres for each metre of cell (SMRF: 5).
 const PIT_SLOPE: f64 = 5.0;
 /// Height above the first ground up to which a cell is ground, metres, and for each metre of slope (SMRF: 0.5 and 1.25).
