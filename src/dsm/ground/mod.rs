@@ -32,7 +32,8 @@ const HALL_STEP_M: f64 = 0.5;
 /// Steepest ground of this filter, at least: 31 degrees.
 const HALL_SLOPE: f64 = 0.6;
 /// Where the ground is steep, limits follow the median slope of means of blocks of 2^4 filter cells, in which trees and walls do
-/// not count, so that mountains keep their ridges. An opening by squares lowers a slope along both axes, hence the factor.
+/// not count, so that mountains keep their ridges. An opening by squares lowers a slope along both axes, and ridges are
+/// steeper than the median, hence the factor.
 const STEEPNESS_HALVINGS: usize = 4;
 const HALL_STEEPNESS: f64 = 3.0;
 /// A cell that lies this much lower than its neighbours is a wrong height, metres for each metre of cell (SMRF: 5).

@@ -19,16 +19,21 @@ fn inside(x: f32, y: f32, [west, east, south, north]: [f32; 4]) -> bool {
 fn houses_trees_and_a_hall_go_from_a_slope() {
     let slope = |x: f32, y: f32| 0.1 * x + 0.05 * y;
     let surface = grid(|x, y| {
-        let on_top = match () {
-            () if inside(x, y, [10.0, 22.0, 10.0, 20.0]) => 7.0,
+        let on_top = if inside(x, y, [10.0, 22.0, 10.0, 20.0]) {
+            7.0
+        } else if inside(x, y, [30.0, 40.0, 10.0, 22.0]) {
             // A gable, which rises from its eaves.
-            () if inside(x, y, [30.0, 40.0, 10.0, 22.0]) => 4.0 + 3.0 * (1.0 - (x - 35.0).abs() / 5.0),
+            4.0 + 3.0 * (1.0 - (x - 35.0).abs() / 5.0)
+        } else if inside(x, y, [40.0, 100.0, 40.0, 90.0]) {
             // A hall, whose roof is level.
-            () if inside(x, y, [40.0, 100.0, 40.0, 90.0]) => 8.0 + slope(70.0, 65.0) - slope(x, y),
-            () if (x - 15.0).hypot(y - 60.0) < 4.0 => 9.0,
+            8.0 + slope(70.0, 65.0) - slope(x, y)
+        } else if (x - 15.0).hypot(y - 60.0) < 4.0 {
+            9.0
+        } else if inside(x, y, [105.0, 120.0, 0.0, 15.0]) {
             // A tower at the border, at the upper end of the slope.
-            () if inside(x, y, [105.0, 120.0, 0.0, 15.0]) => 25.0,
-            () => 0.0,
+            25.0
+        } else {
+            0.0
         };
         slope(x, y) + on_top
     });
