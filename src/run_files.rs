@@ -50,8 +50,14 @@ pub const DSM: &str = "dsm.tif";
 pub const ORTHO: &str = "ortho.tif";
 /// Opacity, spread of altitudes and number of views of every cell.
 pub const CONFIDENCE: &str = "confidence.tif";
+/// The products as a STAC Item.
+pub const ITEM: &str = "item.json";
 /// The surface model in relief.
 pub const HILLSHADE: &str = "hillshade.tif";
+/// The bare ground.
+pub const GROUND: &str = "dtm.tif";
+/// Heights of the surface model above the bare ground.
+pub const ABOVE_GROUND: &str = "ndsm.tif";
 /// The mesh, by format.
 pub const MESHES: [&str; 2] = ["mesh.glb", "mesh.ply"];
 /// Folder of the scores.

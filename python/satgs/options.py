@@ -200,6 +200,7 @@ class SurfaceOptions(TypedDict, total=False):
         no_fill: Leave cells that fewer than two views confirm as nodata. ``None``: they are filled in from the cells around
             them, and ``confidence.tif`` has fewer than two views there.
         hillshade: Also write the shaded relief, ``RUN/hillshade.tif``.
+        dtm: Also write the bare ground, ``RUN/dtm.tif``, and the heights above it, ``RUN/ndsm.tif``.
         points: Also write the cells as a coloured point cloud (``.laz``, ``.las``); a relative path counts from ``run``.
         mesh: Also write a textured mesh (``.glb``); a relative path counts from ``run``.
     """
@@ -210,6 +211,7 @@ class SurfaceOptions(TypedDict, total=False):
     fill_m: float | None
     no_fill: bool | None
     hillshade: bool | None
+    dtm: bool | None
     points: Path | None
     mesh: Path | None
 

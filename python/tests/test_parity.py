@@ -28,7 +28,7 @@ NO_ARGUMENT = {
     ("view", "port"): "a call writes the page to a file",
     ("view", "no-open"): "a call opens no browser",
 }
-OF_JOBS = {"events", "exit-with-parent"}
+OF_JOBS = {"exit-with-parent"}
 """Options of commands that other programs supervise."""
 
 

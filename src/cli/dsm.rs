@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// shadows. confidence.tif has four bands: opacity of the splats, standard deviation of their altitudes (m), number
 /// of views that see the cell: two or more confirm its height, otherwise it is filled in from the cells around it (--no-fill
 /// leaves such cells as nodata), and the error to expect of the height (m). Cells that fewer than two images cover are nodata.
-/// Points, mesh and hillshade of a surface that is replaced are written again, its scores in RUN/eval are removed.
+/// Points, mesh, hillshade and ground of a surface that is replaced are written again, its scores in RUN/eval are removed.
 /// dsm.qml is a QGIS style for dsm.tif, hillshade.png a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -56,6 +56,12 @@ pub struct Options {
     /// Also write the shaded relief as a raster: RUN/hillshade.tif
     #[arg(long, hide_short_help = true, help_heading = "Products")]
     hillshade: bool,
+    /// Also write the bare ground (RUN/dtm.tif) and the heights above it (RUN/ndsm.tif)
+    ///
+    /// Buildings up to 120 m wide and trees are removed by morphological filters (SMRF, then PMF), and the ground under them is
+    /// interpolated. Both have the grid of dsm.tif, dtm.tif also its vertical reference.
+    #[arg(long, hide_short_help = true, help_heading = "Products")]
+    dtm: bool,
     /// Also write the cells as a coloured point cloud (.laz or .las)
     ///
     /// A relative path is resolved against RUN.
@@ -79,6 +85,7 @@ impl Options {
             fill_m: self.fill,
             no_fill: self.no_fill,
             hillshade: self.hillshade,
+            dtm: self.dtm,
             points: self.points.clone(),
             mesh: self.mesh.clone(),
             overwrite,

@@ -77,6 +77,9 @@ pub struct Common {
     /// Print the summary as one JSON object on standard output
     #[arg(long, global = true, help_heading = FOR_ALL)]
     json: bool,
+    /// Print every progress event as one JSON object a line on standard output, and the summary as the last one
+    #[arg(long, global = true, conflicts_with = "json", help_heading = FOR_ALL, hide_short_help = true)]
+    events: bool,
     /// Print more: stages and timings (-v), details (-vv)
     #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = FOR_ALL)]
     verbose: u8,

@@ -87,7 +87,7 @@ mod tests {
     use clap::CommandFactory;
 
     /// Options that both kinds use, or about which the recipe of a training decides.
-    const OF_BOTH: [&str; 26] = [
+    const OF_BOTH: [&str; 27] = [
         "output",
         "overwrite",
         "recipe",
@@ -109,6 +109,7 @@ mod tests {
         "vertical",
         "fill",
         "hillshade",
+        "dtm",
         "points",
         "mesh",
         "help",

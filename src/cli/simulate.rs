@@ -15,8 +15,8 @@ use std::path::PathBuf;
 ///
 /// Without --room or --aerial: satellite images with RPC cameras of a small town, or of a mountain with --mountains, and its
 /// exact surface model. OUT gets RGB GeoTIFFs; their RPC tags have pointing errors of several pixels, their metadata give the sun's
-/// position. OUT/truth gets the exact DSM, its classes (DFC2019's codes), the true RPCs and the pointing errors. The same
-/// options give the same bytes.
+/// position. OUT/truth gets the exact DSM, of a town its bare ground, its classes (DFC2019's codes), the true RPCs and the
+/// pointing errors. The same options give the same bytes.
 ///
 /// --seasons, --cars and --held-out make scenes for methods that explain how images of one place differ. With any of them,
 /// OUT/truth/appearance gets three pictures of every image, pixel by pixel: NAME_sunlit.png (share of sunlight at the

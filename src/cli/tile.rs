@@ -1,6 +1,5 @@
 //! `satgs tile`: the jobs of a plan, one at a time.
 
-use super::event_lines::EventLines;
 use super::plan::duration;
 use super::{CliError, Ui, interrupt};
 use crate::pipeline::Outcome;
@@ -49,9 +48,6 @@ struct TileArgs {
 /// How a job is supervised.
 #[derive(clap::Args, Clone, Debug)]
 pub struct JobArgs {
-    /// Print every progress event as one JSON object a line on standard output, and the summary as the last one
-    #[arg(long, conflicts_with = "json")]
-    events: bool,
     /// Stop when standard input is closed, so that no job outlives the program that started it
     #[arg(long)]
     exit_with_parent: bool,
@@ -121,7 +117,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 }
 
 impl JobArgs {
-    /// Runs a job whose events are printed as lines of JSON if they are asked for, and shows its summary.
+    /// Runs a job and shows its summary.
     pub fn supervised<T: serde::Serialize>(
         &self,
         ui: &Ui,
@@ -131,12 +127,6 @@ impl JobArgs {
     ) -> Result<Outcome<T>, CliError> {
         if self.exit_with_parent {
             interrupt::stop_with_parent();
-        }
-        if self.events {
-            let lines = EventLines::new(ui);
-            let outcome = job(&lines)?;
-            lines.summary(&super::json(&outcome.summary())?)?;
-            return Ok(outcome);
         }
         let outcome = job(ui)?;
         ui.outcome(name, &outcome, text)?;

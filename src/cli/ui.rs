@@ -1,5 +1,6 @@
 //! What the user sees: progress bars on a terminal, log lines, the summary, the error.
 
+use super::event_lines::{event_line, summary_line};
 use super::scene_kind::Given;
 use super::{CliError, Common, ExitStatus, interrupt};
 use crate::pipeline::Outcome;
@@ -106,7 +107,8 @@ impl<'a> Ui<'a> {
         json: &impl serde::Serialize,
         was_complete: bool,
     ) -> Result<(), CliError> {
-        let is_shown = self.caller.is_none() && !self.common.json && !self.common.quiet;
+        let Common { json: as_json, events, quiet, .. } = self.common;
+        let is_shown = self.caller.is_none() && !as_json && !events && !quiet;
         if let Some(text) = text.filter(|_| is_shown) {
             self.print_out(text);
         }
@@ -145,14 +147,16 @@ impl<'a> Ui<'a> {
         }
     }
 
-    /// With `--json`, prints the one stage's summary, or all stages' by name.
+    /// With `--json` or `--events`, prints the one stage's summary, or all stages' by name.
     pub(super) fn finish_json(&self) {
         let summaries = self.take_summaries();
-        if self.common.json {
+        if self.common.json || self.common.events {
             let known = summaries.into_iter().filter_map(|s| Some((s.stage, s.figures?)));
             let summaries: serde_json::Map<_, _> = known.collect();
             let only = (summaries.len() == 1).then(|| summaries.values().next().cloned()).flatten();
-            self.print_out(&only.unwrap_or(serde_json::Value::Object(summaries)).to_string());
+            let all = only.unwrap_or(serde_json::Value::Object(summaries));
+            let line = if self.common.events { summary_line(&all) } else { all };
+            self.print_out(&line.to_string());
         }
     }
 
@@ -248,6 +252,9 @@ impl Progress for Ui<'_> {
     fn event(&self, event: Event) {
         if let Some(caller) = self.caller {
             return caller.event(event);
+        }
+        if self.common.events {
+            self.print_out(&event_line(&event).to_string());
         }
         match event {
             Event::Started { stage, total } => self.start(stage, total),

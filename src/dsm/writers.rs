@@ -1,7 +1,7 @@
 //! The raster files of a DSM.
 
-use super::{Confidence, Dsm, Heights, height_style, hillshade};
-use crate::io::{Cog, WriteError, write_file};
+use super::{Confidence, Dsm, Heights, bare_ground, height_style, hillshade};
+use crate::io::{Cog, Grid2, WriteError, write_file};
 use std::path::Path;
 
 impl Dsm {
@@ -13,6 +13,28 @@ impl Dsm {
         let cog = Cog { heights_from: Some(heights.above), ..self.cog() };
         cog.write_f32(path, &[("height", "m", &heights.raster)])?;
         write_file(&path.with_extension("qml"), height_style(&heights.raster))
+    }
+
+    /// Writes the bare ground in metres as [`Dsm::write_dsm`] writes the surface, and the heights of the surface above it; beside
+    /// each a QGIS style.
+    ///
+    /// # Errors
+    /// [`WriteError`] if a file cannot be written.
+    pub fn write_ground(
+        &self,
+        ground: &Path,
+        above_ground: &Path,
+        heights: &Heights,
+    ) -> Result<(), WriteError> {
+        let surface = &heights.raster;
+        let bare = Heights { raster: bare_ground(surface, self.grid.cell), above: heights.above };
+        self.write_dsm(ground, &bare)?;
+        let above = Grid2::from_rows(surface.width, surface.height, |row, line| {
+            let both = surface.row(row).iter().zip(bare.raster.row(row));
+            line.iter_mut().zip(both).for_each(|(out, (top, bottom))| *out = top - bottom);
+        });
+        self.cog().write_f32(above_ground, &[("height above ground", "m", &above)])?;
+        write_file(&above_ground.with_extension("qml"), height_style(&above))
     }
 
     /// Writes a hillshade lit from the north-west as an 8-bit Cloud-Optimized GeoTIFF; 255 is nodata.

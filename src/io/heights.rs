@@ -11,8 +11,9 @@ use gdal::spatial_ref::SpatialRef;
 /// Stored values that mean no data although the file does not declare them; so do values of the magnitude below.
 const UNDECLARED_NODATA: [f32; 5] = [-9999.0, -32767.0, -32768.0, -99_999.0, -999_999.0];
 const NO_HEIGHT: f32 = 1e30;
-/// Descriptions of the first bands of satgs' rasters that are no heights: `confidence.tif` and `error.tif`.
-const OTHER_BANDS: [&str; 2] = ["opacity", "error"];
+/// Descriptions of the first bands of satgs' rasters that are no heights above a vertical reference: `confidence.tif`,
+/// `error.tif` and `ndsm.tif`.
+const OTHER_BANDS: [&str; 3] = ["opacity", "error", "height above ground"];
 /// GeoTIFF key of the vertical unit, and the EPSG codes of metre, foot and US survey foot.
 const VERTICAL_UNITS_KEY: u16 = 4099;
 const UNIT_CODES: [(u16, &str); 3] = [(9001, "metre"), (9002, "foot"), (9003, "US survey foot")];
@@ -230,7 +231,7 @@ mod tests {
         cog.write_u8(&path, vec![cells()], None).unwrap();
         assert!(refusal().contains("values of 8 bits without a unit"), "{}", refusal());
         let values = Grid2::from_fn(GRID.width, GRID.height, |c, _| c as f32);
-        for (name, unit) in [("opacity", ""), ("error", "m")] {
+        for (name, unit) in [("opacity", ""), ("error", "m"), ("height above ground", "m")] {
             cog.write_f32(&path, &[(name, unit, &values)]).unwrap();
             assert!(refusal().contains(name), "{}", refusal());
         }

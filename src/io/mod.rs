@@ -39,7 +39,7 @@ mod write;
 
 pub use atomic::{check_writable, remove_if_there, write_atomically, write_file};
 pub use blocks::Blocks;
-pub use box_filters::{box_means, box_ranges, box_sums};
+pub use box_filters::{box_means, box_openings, box_ranges, box_sums};
 pub use chart::{Chart, round_below};
 pub use cloud::{CloudContent, CloudPoint, PointCloud, epsg_of_cloud, read_points};
 pub use crs::{epsg_of_wkt, is_metric_map};

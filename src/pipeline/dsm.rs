@@ -5,6 +5,7 @@ use super::products::Products;
 use super::report::renew_report;
 use super::run_folder::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
 use super::run_folder::tiled::{require_one_area, require_own_tile};
+use super::stac_item::write_item;
 use super::surface_source::{KnownSurface, SurfaceSource, satellite_surface};
 use super::{PipelineError, RunLock};
 use crate::dsm::{CellCounts, Dsm, Heights, hillshade};
@@ -13,7 +14,8 @@ use crate::io::{HeightSystem, ImageFile, MapGrid, VerticalReference, check_writa
 use crate::mvs::DSM_CELL_M;
 use crate::progress::{Event, Progress};
 use crate::run_files::{
-    ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
+    ABOVE_GROUND, ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, GROUND, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS,
+    SURFACE,
 };
 use crate::splat::raster::MAX_SIDE;
 use serde::{Deserialize, Serialize};
@@ -41,6 +43,8 @@ pub struct DsmOptions {
     pub no_fill: bool,
     /// Also write the shaded relief as a raster, `RUN/hillshade.tif`.
     pub hillshade: bool,
+    /// Also write the bare ground and the heights above it: `RUN/dtm.tif`, `RUN/ndsm.tif`.
+    pub dtm: bool,
     /// Also write the cells as a coloured point cloud (.laz, .las). A relative path counts from the run folder.
     pub points: Option<PathBuf>,
     /// Also write a textured mesh (.glb). A relative path counts from the run folder.
@@ -59,6 +63,7 @@ impl Default for DsmOptions {
             fill_m: None,
             no_fill: false,
             hillshade: false,
+            dtm: false,
             points: None,
             mesh: None,
             overwrite: false,
@@ -78,6 +83,7 @@ impl DsmOptions {
             fill_m,
             no_fill,
             hillshade,
+            dtm,
             points,
             mesh,
             overwrite: _,
@@ -89,6 +95,7 @@ impl DsmOptions {
             ("--fill", fill_m.is_some()),
             ("--no-fill", *no_fill),
             ("--hillshade", *hillshade),
+            ("--dtm", *dtm),
             ("--points", points.is_some()),
             ("--mesh", mesh.is_some()),
         ];
@@ -156,6 +163,7 @@ pub fn dsm(
     if matches!(outcome, Outcome::Made(_)) {
         renew_report(run)?;
     }
+    write_item(run)?;
     Ok(outcome)
 }
 
@@ -179,7 +187,7 @@ pub(crate) fn dsm_locked(
     let is_done = stage.is_done(options.overwrite)?;
     let mut made = Products::read(run, stage.fingerprint())?;
     let mut products = options.products()?;
-    products.retain(|product| !is_done || !made.has(product.path()));
+    products.retain(|product| !is_done || !product.files().all(|file| made.has(file)));
     if is_done {
         progress.event(Event::Note(format!("`{}` has its surface already", run.display())));
         if products.is_empty() {
@@ -193,15 +201,18 @@ pub(crate) fn dsm_locked(
     if !is_done {
         write_rasters(run, &surface, &heights)?;
         outdated::after_surface(run, progress)?;
-        let asked: Vec<PathBuf> = products.iter().map(|product| product.path().into()).collect();
-        let before = made.outdated().into_iter().filter(|path| !asked.contains(path));
-        products.extend(before.filter_map(Product::of_file));
+        for product in made.outdated().into_iter().filter_map(Product::of_file) {
+            if !products.contains(&product) {
+                products.push(product);
+            }
+        }
     }
     for product in &products {
         product.write(run, &surface, &heights)?;
-        made.add(product.path().into())?;
-        let path = run.join(product.path());
-        progress.event(Event::Note(format!("`{}` is written", path.display())));
+        for file in product.files() {
+            made.add(file.into())?;
+            progress.event(Event::Note(format!("`{}` is written", run.join(file).display())));
+        }
     }
     if is_done {
         return Ok(Outcome::Kept(stage.summary()?));
@@ -262,18 +273,23 @@ fn write_rasters(run: &Path, surface: &Dsm, heights: &Heights) -> Result<(), Pip
 }
 
 /// An optional product, which can be added to a complete surface. Paths count from the run folder.
+#[derive(PartialEq)]
 enum Product {
     Hillshade,
+    /// The bare ground, and the heights above it.
+    Ground,
     Points(PathBuf),
     Mesh(PathBuf),
 }
 
 impl Product {
-    fn path(&self) -> &Path {
-        match self {
-            Self::Hillshade => Path::new(HILLSHADE),
-            Self::Points(path) | Self::Mesh(path) => path,
-        }
+    fn files(&self) -> impl Iterator<Item = &Path> {
+        let (first, second) = match self {
+            Self::Hillshade => (Path::new(HILLSHADE), None),
+            Self::Ground => (Path::new(GROUND), Some(Path::new(ABOVE_GROUND))),
+            Self::Points(path) | Self::Mesh(path) => (path.as_path(), None),
+        };
+        std::iter::once(first).chain(second)
     }
 
     /// The product that a file is, by its name.
@@ -281,6 +297,7 @@ impl Product {
         let ending = path.extension()?.to_string_lossy().to_lowercase();
         match ending.as_str() {
             _ if path == Path::new(HILLSHADE) => Some(Self::Hillshade),
+            _ if [GROUND, ABOVE_GROUND].map(Path::new).contains(&path.as_path()) => Some(Self::Ground),
             "laz" | "las" => Some(Self::Points(path)),
             "glb" => Some(Self::Mesh(path)),
             _ => None,
@@ -288,15 +305,16 @@ impl Product {
     }
 
     fn check(&self, run: &Path) -> Result<(), PipelineError> {
-        Ok(check_writable(&run.join(self.path()))?)
+        self.files().try_for_each(|file| check_writable(&run.join(file)))?;
+        Ok(())
     }
 
     fn write(&self, run: &Path, surface: &Dsm, heights: &Heights) -> Result<(), PipelineError> {
-        let path = run.join(self.path());
         let written = match self {
-            Self::Hillshade => surface.write_hillshade(&path),
-            Self::Points(_) => surface.write_points(&path, heights),
-            Self::Mesh(_) => surface.write_mesh(&path, heights),
+            Self::Hillshade => surface.write_hillshade(&run.join(HILLSHADE)),
+            Self::Ground => surface.write_ground(&run.join(GROUND), &run.join(ABOVE_GROUND), heights),
+            Self::Points(path) => surface.write_points(&run.join(path), heights),
+            Self::Mesh(path) => surface.write_mesh(&run.join(path), heights),
         };
         Ok(written?)
     }
@@ -310,8 +328,14 @@ impl DsmOptions {
             return Err(PipelineError::PointsTaken { path: sparse });
         }
         let hillshade = self.hillshade.then_some(Product::Hillshade);
+        let ground = self.dtm.then_some(Product::Ground);
         let points = self.points.clone().map(Product::Points);
-        Ok(hillshade.into_iter().chain(points).chain(self.mesh.clone().map(Product::Mesh)).collect())
+        Ok(hillshade
+            .into_iter()
+            .chain(ground)
+            .chain(points)
+            .chain(self.mesh.clone().map(Product::Mesh))
+            .collect())
     }
 }
 

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | the adjustment | the training, and what follows from it: said, because it may have taken hours |
 //! | the splats | meshes and scores of views: removed; the surface model: said, it can be rendered again as it was |
-//! | the surface model | its points, mesh and hillshade: written again; its scores: removed |
+//! | the surface model | its points, mesh, hillshade and ground: written again; its scores: removed |
 //! | the place of the run | points and meshes: removed; scores: removed |
 //!
 //! `report.html` is written anew after each.
@@ -16,11 +16,13 @@ use super::{PipelineError, evaluate};
 use crate::io::{WriteError, read_json, remove_if_there};
 use crate::progress::{Event, Progress};
 use crate::run_files::{
-    ADJUSTMENT, CONFIDENCE, DSM, EVALUATION, HILLSHADE, MESHES, METRICS, NVS_PICTURES, NVS_SCORES, ORTHO,
-    PLAN, SPLATS, STAGE, SURFACE, TRAIN_STAGE,
+    ABOVE_GROUND, ADJUSTMENT, CONFIDENCE, DSM, EVALUATION, GROUND, HILLSHADE, MESHES, METRICS, NVS_PICTURES,
+    NVS_SCORES, ORTHO, PLAN, SPLATS, STAGE, SURFACE, TRAIN_STAGE,
 };
 use std::path::{Path, PathBuf};
 
+/// Products that move with the run.
+const MOVED: [&str; 3] = [ABOVE_GROUND, GROUND, HILLSHADE];
 /// The place of a mesh on the map, beside it.
 const MESH_GEOREFERENCE: &str = "mesh.georef.json";
 
@@ -57,8 +59,8 @@ pub(crate) fn after_surface(run: &Path, progress: &dyn Progress) -> Result<(), P
 
 /// Removes what still shows where the run was before it was moved.
 pub(super) fn after_move(run: &Path, progress: &dyn Progress) -> Result<(), PipelineError> {
-    // The hillshade moves with the run.
-    let products = Products::all(run).into_iter().filter(|path| path != Path::new(HILLSHADE));
+    let moves = |path: &PathBuf| MOVED.iter().any(|name| path == Path::new(name));
+    let products = Products::all(run).into_iter().filter(|path| !moves(path));
     let gone = removed(run, products.chain(meshes().map(PathBuf::from)))?;
     let text =
         "are where the run was before and are removed; `satgs dsm RUN` and `satgs mesh RUN` make them anew";

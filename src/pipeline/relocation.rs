@@ -12,8 +12,8 @@ use crate::frame::Point;
 use crate::io::{WriteError, read_georeference, read_json, write_json, write_moved};
 use crate::progress::{NoProgress, Progress};
 use crate::run_files::{
-    ADJUSTMENT, APPEARANCE, CAMERAS, CONFIDENCE, DSM, FIRST_SURFACE, HEIGHT_SPLATS, HILLSHADE, ORTHO,
-    PREDICTED, SPLATS, SURFACE,
+    ABOVE_GROUND, ADJUSTMENT, APPEARANCE, CAMERAS, CONFIDENCE, DSM, FIRST_SURFACE, GROUND, HEIGHT_SPLATS,
+    HILLSHADE, ORTHO, PREDICTED, SPLATS, SURFACE,
 };
 use crate::scene::Scene;
 use crate::splat::appearance::satgs::TrainedAppearance;
@@ -25,8 +25,8 @@ use std::path::{Path, PathBuf};
 pub(super) const RECORD: &str = "align.json";
 const PENDING: &str = "align.pending";
 /// Rasters that move: those whose first band holds heights, and the others.
-const HEIGHTS: [&str; 3] = [DSM, SURFACE, FIRST_SURFACE];
-const MAPS: [&str; 3] = [ORTHO, CONFIDENCE, HILLSHADE];
+const HEIGHTS: [&str; 4] = [DSM, GROUND, SURFACE, FIRST_SURFACE];
+const MAPS: [&str; 4] = [ORTHO, CONFIDENCE, HILLSHADE, ABOVE_GROUND];
 
 /// The content of `RUN/align.json`.
 #[derive(Serialize, Deserialize)]

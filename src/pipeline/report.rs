@@ -2,6 +2,7 @@
 
 use super::PipelineError;
 use super::outdated::outdated;
+use super::stac_item::write_item;
 use crate::report;
 use crate::run_files::{PAGE, PLAN};
 use std::path::{Path, PathBuf};
@@ -11,7 +12,10 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// [`PipelineError`] if the folder holds no run, a file of the run is damaged, or the page cannot be written.
 pub fn report(run: &Path) -> Result<PathBuf, PipelineError> {
-    Ok(report::write(run, &outdated(run)?)?)
+    let page = report::write(run, &outdated(run)?)?;
+    // The Item lists the page.
+    write_item(run)?;
+    Ok(page)
 }
 
 /// Writes the page anew if there is one, after a change of the run. That of several tiles is made with their mosaic.

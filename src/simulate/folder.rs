@@ -54,7 +54,7 @@ fn of_satellite_images(out: &Path) -> Vec<PathBuf> {
     }
     let truth = TRUTH_NAMES
         .into_iter()
-        .flat_map(|name| ["DSM", "CLS"].map(|what| out.join(format!("truth/{name}_{what}.tif"))));
+        .flat_map(|name| ["DSM", "DTM", "CLS"].map(|what| out.join(format!("truth/{name}_{what}.tif"))));
     let lists = [out.join(TEST_LIST), out.join("truth/shifts.json"), appearance.join(LIST)];
     found.extend(truth.chain(lists).filter(|path| path.exists()));
     found

@@ -24,6 +24,8 @@ const CROP: f64 = 0.97;
 pub(super) struct ExactDsm {
     pub(super) grid: MapGrid,
     pub(super) heights: Grid2,
+    /// Heights of the ground under buildings and trees, if that is known.
+    pub(super) ground: Option<Grid2>,
     pub(super) classes: Vec<u8>,
 }
 
@@ -65,7 +67,13 @@ impl ExactDsm {
                 }
             })
             .collect();
-        Self { grid: map, heights, classes }
+        let ground = landscape.plan.as_ref().map(|plan| {
+            Grid2::from_fn(map.width, map.height, |col, row| {
+                let (x, y) = place(col, row);
+                plan.ground_m(x, y) as f32
+            })
+        });
+        Self { grid: map, heights, ground, classes }
     }
 
     /// Statistics of the DSM.
@@ -96,11 +104,14 @@ impl ExactDsm {
         }
     }
 
-    /// Writes `NAME_DSM.tif`, and `NAME_CLS.tif` if its classes are known.
+    /// Writes `NAME_DSM.tif`, `NAME_DTM.tif` if the ground under it is known, and `NAME_CLS.tif` if its classes are.
     pub(super) fn write(&self, folder: &Path, name: &str, has_classes: bool) -> Result<(), WriteError> {
         let classes = Cog { grid: self.grid, metadata: &[], heights_from: None };
         let dsm = Cog { heights_from: Some(&VerticalReference::Ellipsoid), ..classes };
         dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[("height", "m", &self.heights)])?;
+        if let Some(ground) = &self.ground {
+            dsm.write_f32(&folder.join(format!("{name}_DTM.tif")), &[("height", "m", ground)])?;
+        }
         if !has_classes {
             return Ok(());
         }

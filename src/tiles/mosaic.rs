@@ -112,7 +112,10 @@ pub fn report(run: &Path) -> Result<PathBuf, TilesError> {
     let damaged = |source| TilesError::RunFile { source, made_by };
     let record: Record = read_json(&run.join(MOSAIC).join(RECORD)).map_err(damaged)?;
     let colors: TileColors = read_json(&run.join(COLORS)).map_err(damaged)?;
-    write_page(run, &plan, &record.summary, &record.seams, &colors)
+    let page = write_page(run, &plan, &record.summary, &record.seams, &colors)?;
+    // The Item lists the page.
+    crate::pipeline::write_item(run)?;
+    Ok(page)
 }
 
 /// Hash of all that the mosaic depends on.

@@ -68,6 +68,7 @@ impl SceneOptions {
             fill_m,
             no_fill,
             hillshade: _,
+            dtm: _,
             points: _,
             mesh: _,
             overwrite,
@@ -91,6 +92,7 @@ impl SceneOptions {
         let asked = [
             (dsm.like.is_some() || dsm.area.is_some(), "--like", grid),
             (dsm.hillshade, "--hillshade", products),
+            (dsm.dtm, "--dtm", "`satgs dsm RUN/tiles/ID --dtm` makes it of a tile"),
             (dsm.points.is_some(), "--points", products),
             (dsm.mesh.is_some(), "--mesh", products),
         ];

@@ -13,6 +13,7 @@ mod common;
 mod align;
 mod bad_dsm_eval;
 mod bad_inputs;
+mod bare_ground;
 mod bundle_cells;
 mod bundle_inputs;
 mod bundle_real;

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 const TOLERANCE_M: f64 = 0.002;
 
 /// The benchmark scene, or a line that says why the test is skipped.
-fn jax_068() -> Option<PathBuf> {
+pub fn jax_068() -> Option<PathBuf> {
     let data = std::env::var_os("SATGS_DATA")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
     let scene = data.join("jax068");
@@ -24,7 +24,7 @@ fn jax_068() -> Option<PathBuf> {
 /// A grid in the truth's zone, which its text file does not name.
 const ZONE: MapGrid = MapGrid { epsg: 32617, west: 0.0, north: 0.0, cell: 0.5, width: 1, height: 1 };
 
-fn lidar(scene: &Path) -> Truth {
+pub fn lidar(scene: &Path) -> Truth {
     Truth::read(&scene.join("truth/JAX_068_DSM.tif"), &TruthOptions::default(), &ZONE).unwrap()
 }
 

@@ -5,6 +5,7 @@
 
 use crate::common::{copy_folder, refused, scenes, succeeds, text, two_views};
 use gdal::raster::ColorInterpretation::{BlueBand, GrayIndex, GreenBand, RedBand};
+use satgs::io::ImageFile;
 use serde_json::Value;
 use std::fs::File;
 use std::os::unix::fs::MetadataExt;
@@ -111,14 +112,53 @@ fn products_are_added(town: &Town) {
     let run = town.run();
     let (dsm, points, mesh) = (town.file("dsm.tif"), town.file("more/dsm.laz"), town.file("dsm.glb"));
     let before = identity(&dsm);
-    let all = ["dsm", &run, "--points", "more/dsm.laz", "--mesh", "dsm.glb", "--hillshade"];
+    let all = ["dsm", &run, "--points", "more/dsm.laz", "--mesh", "dsm.glb", "--hillshade", "--dtm"];
     succeeds(&all);
     assert_eq!(identity(&dsm), before, "the surface was there");
     assert!(std::fs::read(&mesh).unwrap().starts_with(b"glTF") && town.file("hillshade.tif").exists());
+    for name in ["dtm.tif", "dtm.qml", "ndsm.tif", "ndsm.qml"] {
+        assert!(town.file(name).exists(), "{name}");
+    }
+    let heights = |name: &str| ImageFile::open(&town.file(name)).unwrap().read(1).unwrap();
+    let (top, bottom, above) = (heights("dsm.tif"), heights("dtm.tif"), heights("ndsm.tif"));
+    let grid = |name: &str| ImageFile::open(&town.file(name)).unwrap().map_grid().unwrap();
+    assert_eq!(grid("dtm.tif"), grid("dsm.tif"));
+    assert_eq!(grid("ndsm.tif"), grid("dsm.tif"));
+    for ((top, bottom), above) in top.data.iter().zip(&bottom.data).zip(&above.data) {
+        assert_eq!(top.is_nan(), bottom.is_nan());
+        assert!(top.is_nan() || top - bottom == *above);
+    }
+    let item: Value = serde_json::from_reader(File::open(town.file("item.json")).unwrap()).unwrap();
+    assert_eq!((&item["type"], &item["stac_version"]), (&"Feature".into(), &"1.1.0".into()));
+    let assets = item["assets"].as_object().unwrap();
+    for key in ["dsm", "dtm", "ndsm", "ortho", "confidence", "hillshade", "splats_ply"] {
+        let href = assets[key]["href"].as_str().unwrap();
+        assert!(Path::new(&run).join(href).exists(), "{href}");
+        assert!(assets[key]["type"].is_string() && assets[key]["roles"].is_array(), "{key}");
+    }
+    let properties = &item["properties"];
+    let placed = grid("dsm.tif");
+    assert_eq!(properties["proj:code"], format!("EPSG:{}", placed.epsg));
+    assert_eq!(properties["proj:shape"], serde_json::json!([placed.height, placed.width]));
+    assert_eq!(properties["proj:transform"][5], -placed.cell);
+    assert!(properties["start_datetime"].as_str() < properties["end_datetime"].as_str());
+    assert!(properties["datetime"].is_null());
+    assert_eq!(properties["satgs:vertical_reference"], "ellipsoid");
+    assert_eq!(item["bbox"].as_array().unwrap().len(), 4);
+    assert_eq!(item["geometry"]["type"], "Polygon");
+    let ground = identity(&town.file("dtm.tif"));
     let written = identity(&points);
     let again = succeeds(&all);
     assert!(text(&again).contains("has its surface already"), "{}", text(&again));
     assert_eq!(identity(&points), written, "it was there");
+    std::fs::remove_file(town.file("ndsm.tif")).unwrap();
+    succeeds(&all);
+    assert!(town.file("ndsm.tif").exists(), "one of the two is missing: both are written");
+    refused(
+        &["dsm-eval", &town.path("run/ndsm.tif"), &town.path("run/dsm.tif")],
+        2,
+        &["height above ground"],
+    );
     succeeds(&["dsm", &run, "--points", &town.path("elsewhere.laz")]);
     assert!(Path::new(&town.path("elsewhere.laz")).exists());
     refused(&["dsm", &run, "--points", "ba/points.laz"], 2, &["sparse points"]);
@@ -135,6 +175,7 @@ fn products_are_added(town: &Town) {
     succeeds(&["dsm", &run, "--resolution", "1", "--overwrite"]);
     succeeds(&["dsm", &run, "--resolution", "1", "--points", "more/dsm.laz"]);
     assert_ne!(identity(&points), written);
+    assert_ne!(identity(&town.file("dtm.tif")), ground, "the ground is that of the new surface");
 }
 
 fn what_differs_is_named(town: &Town) {
