@@ -146,6 +146,16 @@ fn links_of_the_documents_lead_to_files() {
 }
 
 #[test]
+#[cfg(unix)]
+fn a_release_of_another_version_is_refused() {
+    let script = root().join("scripts/release");
+    let output = Command::new(script).args(["--dry-run", "9.9.9"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.starts_with("error: Cargo.toml does not say 9.9.9\nhint: "), "{said}");
+}
+
+#[test]
 fn the_citation_and_the_recipe_name_the_present_version() {
     let present = env!("CARGO_PKG_VERSION");
     for (file, line) in [
