@@ -74,7 +74,8 @@ impl VerticalReference {
                 Some(path) => opened(&path)?,
                 None => {
                     let published = grids.iter().find(|grid| grid.ends_with(".tif")).unwrap_or(&grids[0]);
-                    let absent = || VerticalError::NoGrid { name: (*model).into(), grid: (*published).into() };
+                    let absent =
+                        || VerticalError::NoGrid { name: (*model).into(), grid: (*published).into() };
                     let known = |file: &&str| Some(((*file).to_owned(), GeoidGrid::of_proj(file)?));
                     grids.iter().find_map(known).ok_or_else(absent)?
                 }

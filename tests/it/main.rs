@@ -50,7 +50,6 @@ mod rpc_peers;
 mod scene_geometry;
 mod scene_lists;
 mod season_colors;
-mod shell_files;
 mod simulated_photographs;
 mod simulated_surfaces;
 mod splat_formats;
