@@ -2,7 +2,7 @@
 
     python dask_on_slurm.py RUN WORKERS [PARTITION]
 
-It needs `pip install satgs[dask] dask-jobqueue`, and runs on a node that may submit jobs until all tiles are done.
+It needs `pip install './python[dask]' dask-jobqueue`, and runs on a node that may submit jobs until all tiles are done.
 Other batch systems have classes of their own in dask-jobqueue: PBSCluster, LSFCluster, SGECluster, OARCluster,
 HTCondorCluster.
 """

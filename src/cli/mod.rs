@@ -120,6 +120,12 @@ enum Command {
     Export(export::Args),
 }
 
+/// The command line with all commands and options, for completions and man pages.
+#[must_use]
+pub fn program() -> clap::Command {
+    Cli::command()
+}
+
 /// Runs the command line of this process.
 #[must_use]
 pub fn main() -> std::process::ExitCode {
@@ -157,7 +163,7 @@ pub fn run_command_line(words: impl IntoIterator<Item = OsString>) -> u8 {
 
 /// Parses a command line, whose first word is the program's name.
 fn parse(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, scene_kind::Given), clap::Error> {
-    let mut program = Cli::command();
+    let mut program = program();
     let matches = program.try_get_matches_from_mut(words)?;
     let cli = Cli::from_arg_matches(&matches).map_err(|e| e.format(&mut program))?;
     Ok((cli, scene_kind::Given::of(&program, &matches)))

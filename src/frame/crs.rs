@@ -1,5 +1,6 @@
 //! Map projections and datum transforms, by PROJ.
 
+use super::proj_log;
 use proj::Proj;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -94,6 +95,7 @@ impl Transform {
     fn with_proj<T>(&self, f: impl FnOnce(Option<&Proj>) -> T) -> T {
         CACHE.with_borrow_mut(|cache| {
             let entry = cache.entry((self.from, self.to)).or_insert_with(|| {
+                proj_log::silence();
                 Proj::new_known_crs(&format!("EPSG:{}", self.from), &format!("EPSG:{}", self.to), None).ok()
             });
             f(entry.as_ref())

@@ -2,6 +2,7 @@
 
 use super::FrameError;
 use super::crs::wrap_longitude_deg;
+use super::proj_log;
 use proj::Proj;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -26,16 +27,28 @@ impl GeoidGrid {
     /// [`FrameError::GeoidGrid`] when PROJ cannot read it.
     pub fn open(path: &Path) -> Result<Self, FrameError> {
         let refused = || FrameError::GeoidGrid { path: path.into() };
-        // PROJ would take a comma for a separator of several grids.
         let file = path.canonicalize().ok().and_then(|file| file.to_str().map(str::to_owned));
-        let file = file.filter(|file| !file.contains([',', '"'])).ok_or_else(refused)?;
+        file.and_then(|file| Self::read(&file)).ok_or_else(refused)
+    }
+
+    /// A grid that PROJ knows by the name of its file: in its folders of data, or inside of the library.
+    #[must_use]
+    pub fn of_proj(name: &str) -> Option<Self> {
+        Self::read(name)
+    }
+
+    fn read(file: &str) -> Option<Self> {
+        // PROJ would take a comma for a separator of several grids.
+        if file.contains([',', '"']) {
+            return None;
+        }
         // The `proj` crate returns x and y only, so that the pipeline moves the height to x.
         let pipeline = format!(
             "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad \
              +step +proj=vgridshift +grids=\"{file}\" +multiplier=1 +step +proj=axisswap +order=3,2,1"
         );
         let grid = Self { pipeline };
-        if grid.with_proj(|proj| proj.is_some()) { Ok(grid) } else { Err(refused()) }
+        grid.with_proj(|proj| proj.is_some()).then_some(grid)
     }
 
     /// Height of the geoid above the ellipsoid at a place in degrees, metres, interpolated bilinearly; NaN outside of the
@@ -54,6 +67,7 @@ impl GeoidGrid {
     fn with_proj<T>(&self, f: impl FnOnce(Option<&Proj>) -> T) -> T {
         CACHE.with_borrow_mut(|cache| {
             if !cache.contains_key(&self.pipeline) {
+                proj_log::silence();
                 cache.insert(self.pipeline.clone(), Proj::new(&self.pipeline).ok());
             }
             f(cache.get(&self.pipeline).and_then(Option::as_ref))

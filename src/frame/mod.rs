@@ -7,6 +7,7 @@ mod crs;
 mod geoid;
 mod level;
 mod point;
+mod proj_log;
 mod site;
 
 pub use crs::{FrameError, Transform, map_step, metres_of_unit, utm_epsg, utm_of_map, wrap_longitude_deg};

@@ -14,6 +14,10 @@ const OPTIONS: [(&str, &str); 4] = [
     ("GDAL_HTTP_RETRY_DELAY", "1"),
     ("GDAL_CACHEMAX", "256"),
 ];
+/// Where Debian and its relatives keep the certificates of servers. The libcurl that packages of satgs contain looks elsewhere.
+const CERTIFICATES: &str = "/etc/ssl/certs/ca-certificates.crt";
+/// Options that name a file of certificates, the one that GDAL prefers first.
+const CERTIFICATE_OPTIONS: [&str; 3] = ["GDAL_CURL_CA_BUNDLE", "CURL_CA_BUNDLE", "SSL_CERT_FILE"];
 /// The option that keeps GDAL from listing the folder of every file that it opens.
 const NO_LISTING: &str = "GDAL_DISABLE_READDIR_ON_OPEN";
 /// Options that hold only while a file of a virtual file system is opened, where the user has not set them: GDAL does not
@@ -28,6 +32,9 @@ pub(super) fn set_up_gdal() {
         let _ = set_config_option("GDAL_NUM_THREADS", &rayon::current_num_threads().to_string());
         for (key, value) in OPTIONS.into_iter().filter(|(key, _)| !is_set(key)) {
             let _ = set_config_option(key, value);
+        }
+        if !CERTIFICATE_OPTIONS.iter().any(|key| is_set(key)) && std::path::Path::new(CERTIFICATES).exists() {
+            let _ = set_config_option(CERTIFICATE_OPTIONS[0], CERTIFICATES);
         }
         gdal::config::set_error_handler(|class, number, message| {
             tracing::debug!("GDAL {class:?} {number}: {message}");

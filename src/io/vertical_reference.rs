@@ -1,7 +1,7 @@
 //! Vertical references: the WGS 84 ellipsoid or a geoid.
 
 use super::VerticalError;
-use crate::frame::GeoidGrid;
+use crate::frame::{FrameError, GeoidGrid};
 use std::path::{Path, PathBuf};
 
 /// Geoid models: name, EPSG code of heights above it, and names of its grids in PROJ's data.
@@ -69,19 +69,26 @@ impl VerticalReference {
         if name == Self::ELLIPSOID {
             return Ok(Self::Ellipsoid);
         }
-        let found = match MODELS.iter().find(|m| m.0 == name) {
-            Some((model, _, grids)) => {
-                let published = grids.iter().find(|grid| grid.ends_with(".tif")).unwrap_or(&grids[0]);
-                let absent = || VerticalError::NoGrid { name: (*model).into(), grid: (*published).into() };
-                in_folders(grids).ok_or_else(absent)?
+        let (file, grid) = match MODELS.iter().find(|m| m.0 == name) {
+            Some((model, _, grids)) => match in_folders(grids) {
+                Some(path) => opened(&path)?,
+                None => {
+                    let published = grids.iter().find(|grid| grid.ends_with(".tif")).unwrap_or(&grids[0]);
+                    let absent =
+                        || VerticalError::NoGrid { name: (*model).into(), grid: (*published).into() };
+                    let known = |file: &&str| Some(((*file).to_owned(), GeoidGrid::of_proj(file)?));
+                    grids.iter().find_map(known).ok_or_else(absent)?
+                }
+            },
+            None if Path::new(text).exists() => opened(Path::new(text))?,
+            None => {
+                let unknown = || VerticalError::Unknown { name: text.into() };
+                opened(&in_folders(&[text]).ok_or_else(unknown)?)?
             }
-            None if Path::new(text).exists() => PathBuf::from(text),
-            None => in_folders(&[text]).ok_or_else(|| VerticalError::Unknown { name: text.into() })?,
         };
-        let file = found.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         let model = MODELS.iter().find(|m| m.2.contains(&file.as_str()));
         let (name, epsg) = model.map_or((file, None), |m| (m.0.to_owned(), Some(m.1)));
-        Ok(Self::Geoid { name, epsg, grid: GeoidGrid::open(&found)? })
+        Ok(Self::Geoid { name, epsg, grid })
     }
 
     /// The name that [`VerticalReference::read`] takes for what files call a vertical reference, as `WGS 84 ellipsoid`,
@@ -136,6 +143,12 @@ impl VerticalReference {
             Self::Geoid { grid, .. } => grid.undulation_m(lon_deg, lat_deg),
         }
     }
+}
+
+/// The name of a grid's file, and the grid.
+fn opened(path: &Path) -> Result<(String, GeoidGrid), FrameError> {
+    let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    Ok((file, GeoidGrid::open(path)?))
 }
 
 /// The first of some files that exists in a folder of PROJ's data.

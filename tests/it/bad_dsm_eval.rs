@@ -338,6 +338,19 @@ fn a_geoid_offset_is_suspected_and_converted_on_request() {
 }
 
 #[test]
+fn what_proj_cannot_read_is_told_by_satgs_alone() {
+    let desk = Desk::new();
+    let broken = desk.path("broken.gtx");
+    std::fs::write(&broken, "no grid").unwrap();
+    for reference in [broken.to_str().unwrap(), "EGM84"] {
+        let output = desk.eval("TOWN_DSM.tif", &["--truth-vertical", reference]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(!said.contains("proj_create"), "{said}");
+        assert!(output.status.success() || said.starts_with("error: "), "{said}");
+    }
+}
+
+#[test]
 fn vertical_references_in_files_are_converted() {
     let desk = Desk::new();
     let (lon, lat) = Desk::lon_lat(15.0, 15.0);

@@ -11,8 +11,8 @@ use std::process::Command;
 
 const GUIDE: &str = "docs/guide";
 /// What blocks need that are not run: images or points that are not in the repository, a network's file, minutes of work, a
-/// browser, several machines, the system's packages.
-const REASONS: [&str; 6] = ["images", "model", "minutes", "browser", "cluster", "root"];
+/// browser, several machines, the system's packages, a package of a release.
+const REASONS: [&str; 7] = ["images", "model", "minutes", "browser", "cluster", "root", "package"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -146,8 +146,22 @@ fn links_of_the_documents_lead_to_files() {
 }
 
 #[test]
-fn the_citation_names_the_present_version() {
-    let citation = read("CITATION.cff");
-    let version = format!("version: {}", env!("CARGO_PKG_VERSION"));
-    assert!(citation.lines().any(|line| line == version), "CITATION.cff does not hold `{version}`");
+#[cfg(unix)]
+fn a_release_of_another_version_is_refused() {
+    let script = root().join("scripts/release");
+    let output = Command::new(script).args(["--dry-run", "9.9.9"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.starts_with("error: Cargo.toml does not say 9.9.9\nhint: "), "{said}");
+}
+
+#[test]
+fn the_citation_and_the_recipe_name_the_present_version() {
+    let present = env!("CARGO_PKG_VERSION");
+    for (file, line) in [
+        ("CITATION.cff", format!("version: {present}")),
+        ("recipe/meta.yaml", format!("{{% set version = \"{present}\" %}}")),
+    ] {
+        assert!(read(file).lines().any(|found| found == line), "{file} does not hold `{line}`");
+    }
 }
