@@ -492,7 +492,7 @@ def set_threads(threads: int) -> None:
     there is a thread for each core.
 
     Raises:
-        InputError: The number is 0.
+        InputError: The number is below 1.
         FailedError: satgs has begun to work.
     """
     _satgs.set_threads(threads)

@@ -26,12 +26,12 @@ pub fn arguments() -> String {
 
 /// Sets the number of threads of all later work, once and before any work.
 #[pyfunction]
-pub fn set_threads(py: Python<'_>, threads: usize) -> PyResult<()> {
+pub fn set_threads(py: Python<'_>, threads: i64) -> PyResult<()> {
     let expected = "a number from 1 on";
-    if threads == 0 {
-        let error = PipelineError::Option { option: "threads", found: "0".into(), expected };
+    let Some(threads) = usize::try_from(threads).ok().filter(|threads| *threads > 0) else {
+        let error = PipelineError::Option { option: "threads", found: threads.to_string(), expected };
         return Err(exception(py, error));
-    }
+    };
     let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     built.map_err(|_| {
         let error = CliError {

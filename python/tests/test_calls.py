@@ -205,6 +205,7 @@ def test_bad_input_is_an_input_error(run: Path, tmp_path: Path) -> None:
         ("--resolution", lambda: satgs.run(TOWN, new, resolution_m=float("nan"))),
         ("none.tif", lambda: satgs.compare(tmp_path / "none.tif", TRUTH)),
         ("threads", lambda: satgs.set_threads(0)),
+        ("`threads` is -1", lambda: satgs.set_threads(-1)),
     ]
     for message, call in wrong:
         with pytest.raises(satgs.InputError, match=message) as caught:
