@@ -156,6 +156,11 @@ fn a_release_of_another_version_is_refused() {
 }
 
 #[test]
+fn the_python_package_has_the_same_licence() {
+    assert_eq!(read("python/LICENSE"), read("LICENSE"));
+}
+
+#[test]
 fn the_citation_and_the_recipe_name_the_present_version() {
     let present = env!("CARGO_PKG_VERSION");
     for (file, line) in [
