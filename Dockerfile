@@ -17,6 +17,7 @@ FROM debian:bookworm-slim
 COPY --from=build /satgs/bin /usr/local/bin
 COPY --from=build /satgs/lib /usr/local/lib
 COPY --from=build /satgs/share /usr/local/share
+COPY --from=build /etc/ssl/certs/ca-certificates.crt /etc/ssl/certs/
 COPY --from=build /satgs/LICENSE /satgs/licences.txt /usr/local/share/doc/satgs/
 RUN useradd --create-home --uid 1000 satgs
 USER 1000

@@ -455,7 +455,8 @@ class PredictOptions(PhotographOptions, Overwriting, Reporting, total=False):
         points: A point cloud (``.laz``, ``.las``, ``.ply``) or a surface model (``.tif``). ``None``: the matched surface of the
             run, else its sparse points; of photographs the points of the scene, else those of its depth maps.
         keep_place: Take the points where they are. ``None``: those of satellite scenes are moved onto the tie points.
-        model: Model of :func:`satgs.learn`, or an ONNX network. ``None``: the model that comes with satgs.
+        model: Model of :func:`satgs.learn`, or an ONNX network. ``None``: the model that comes with satgs, of
+            photographs none.
         image_features: ONNX file of the network of image features that the model was trained with.
         without_network: Make a splat of each point without a network, to compare with.
     """

@@ -83,7 +83,9 @@ class SatgsAlgorithm(QgsProcessingAlgorithm):
         folder = values.get(self.results)
         if folder:
             self._load(Path(folder), context)
-        return {"folder": folder, "summary": str(summary)}
+        outputs = {"folder": folder, "summary": str(summary)}
+        # Models chain commands by the output of a destination, which has the name of its parameter.
+        return {**outputs, self.results: folder} if self.main.get(self.results) == RESULTS else outputs
 
     def _help(self):
         if not hasattr(self, "_found"):

@@ -11,12 +11,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-OF_ALL_COMMANDS = "Options of all commands"
-"""Heading of the options that the plugin sets itself."""
+LEFT_OUT = ("", "Options of all commands", "Examples")
+"""Headings of what is no argument, and of the options that the plugin sets itself."""
 NO_ANSWER_S = 30.0
 """Help takes a fraction of a second."""
 CHECK_EVERY_S = 0.2
 """How often a running command is asked whether it is to stop."""
+PARTIAL = 3
+"""Exit code of a command that is complete but for a part, which its standard error names."""
 TIME_TO_STOP_S = 120.0
 """An interrupted training writes its checkpoint."""
 
@@ -74,7 +76,7 @@ def parse_help(text: str) -> Help:
             heading = match.group(1)
         elif line and not line.startswith(" "):
             heading = ""  # What follows the options belongs to none.
-        elif heading == OF_ALL_COMMANDS or not heading:
+        elif heading in LEFT_OUT:
             continue
         elif (match := ARGUMENT.match(line)) and (match["option"] or match["value"]):
             option = f"--{match['option']}" if match["option"] else None
@@ -108,7 +110,8 @@ class Cancelled(Exception):
 def run(
     program: str, words: list[str], on_event: Callable[[dict], None], is_cancelled: Callable[[], bool]
 ) -> dict:
-    """Runs a command and returns its summary. ``on_event`` gets the events of ``--events``."""
+    """Runs a command and returns its summary. ``on_event`` gets the events of ``--events``, and, of a command that is complete but
+    for a part, what is missing as a warning."""
     try:
         process = subprocess.Popen(
             [program, words[0], "--events", "--quiet", *words[1:]],
@@ -131,25 +134,31 @@ def run(
     for reader in readers:
         reader.start()
     summary: dict = {}
-    while True:
-        if is_cancelled():
-            _stop(process)
-            raise Cancelled
-        try:
-            line = lines.get(timeout=CHECK_EVERY_S)
-        except queue.Empty:
-            continue
-        if line is None:
-            break
-        event = _event(line)
-        if event.get("event") == "summary":
-            summary = event.get("summary") or {}
-        elif event:
-            on_event(event)
+    try:
+        while True:
+            if is_cancelled():
+                raise Cancelled
+            try:
+                line = lines.get(timeout=CHECK_EVERY_S)
+            except queue.Empty:
+                continue
+            if line is None:
+                break
+            event = _event(line)
+            if event.get("event") == "summary":
+                summary = event.get("summary") or {}
+            elif event:
+                on_event(event)
+    except BaseException:
+        _stop(process)
+        raise
     code = process.wait()
     readers[1].join()
-    if code != 0:
-        raise CommandError("".join(said).strip() or f"`{program}` stopped with code {code}")
+    errors = "".join(said).strip()
+    if code == PARTIAL:
+        on_event({"event": "warning", "text": errors})
+    elif code != 0:
+        raise CommandError(errors or f"`{program}` stopped with code {code}")
     return summary
 
 
@@ -194,6 +203,6 @@ def _stop(process: subprocess.Popen) -> None:
 
 
 def _environment() -> dict[str, str]:
-    """That of QGIS without its libraries and data of GDAL and PROJ, which may be of other versions than those of satgs."""
+    """That of QGIS without its Python and its data of GDAL and PROJ, which may be of other versions than those of satgs."""
     of_qgis = {"PYTHONHOME", "PYTHONPATH", "GDAL_DATA", "GDAL_DRIVER_PATH", "PROJ_LIB", "PROJ_DATA"}
     return {name: value for name, value in os.environ.items() if name not in of_qgis}

@@ -52,6 +52,9 @@ Options of all commands:
           Print the summary
 
 xyz is what follows the help
+
+Examples:
+  satgs align xyz
 """
 
 
@@ -105,6 +108,20 @@ def test_a_failure_says_what_the_program_said(tmp_path: Path) -> None:
     with pytest.raises(command.CommandError, match="cannot be started"):
         command.run(str(tmp_path / "absent"), ["ba"], lambda event: None, lambda: False)
     assert command.help_of(str(tmp_path / "absent"), "ba") == command.Help()
+
+
+def test_what_is_missing_of_a_partial_result_is_a_warning(tmp_path: Path) -> None:
+    program = stand_in(
+        tmp_path,
+        """
+        print('{"event": "summary", "summary": {"views": 2}}')
+        print('error: one image is left out', file=sys.stderr)
+        sys.exit(3)
+        """,
+    )
+    events: list[dict] = []
+    assert command.run(program, ["ba"], events.append, lambda: False) == {"views": 2}
+    assert events == [{"event": "warning", "text": "error: one image is left out"}]
 
 
 def test_a_command_that_is_cancelled_is_asked_to_stop(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ use super::datum::warn_of_shift;
 use super::relocation::{self, RECORD, Record};
 use super::report::renew_report;
 use super::run_folder::tiled::{require_no_tile, require_one_area};
-use super::stac_item::write_item;
 use super::{PipelineError, RunLock, read_scene};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control, stated_accuracy_m};
 use crate::coregister::{Coregistration, to_control, to_surface};
@@ -84,7 +83,6 @@ pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Res
         let record = Record { reference: options.reference.clone(), last: alignment.clone(), total };
         relocation::relocate(run, &scene, adjustment, step, &record, progress)?;
         renew_report(run)?;
-        write_item(run)?;
     }
     Ok(Aligned { reference: options.reference.clone(), alignment, was_moved })
 }

@@ -160,10 +160,11 @@ pub fn dsm(
     require_one_area(run)?;
     require_own_tile(run, options.overwrite)?;
     let outcome = dsm_locked(run, options, progress)?;
-    if matches!(outcome, Outcome::Made(_)) {
-        renew_report(run)?;
+    match outcome {
+        Outcome::Made(_) => renew_report(run)?,
+        // Products may have been added.
+        Outcome::Kept(_) => write_item(run)?,
     }
-    write_item(run)?;
     Ok(outcome)
 }
 
@@ -236,6 +237,13 @@ pub(super) fn before_training(
     let surface = satellite_surface(cameras, splats, Some(heights), run, grid)?;
     let (surface, heights) = completed(surface, options, &vertical)?;
     write_rasters(run, &surface, &heights)?;
+    for product in Products::all(run).into_iter().filter(|file| file.is_relative() && run.join(file).exists())
+    {
+        if let Some(product) = Product::of_file(product) {
+            product.write(run, &surface, &heights)?;
+        }
+    }
+    write_item(run)?;
     let files = [DSM, CONFIDENCE, ORTHO].map(|name| format!("`{}`", run.join(name).display()));
     progress.event(Event::Note(format!(
         "{} are written; training changes the colours of the last one, and no height",

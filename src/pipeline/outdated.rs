@@ -21,8 +21,8 @@ use crate::run_files::{
 };
 use std::path::{Path, PathBuf};
 
-/// Products that move with the run.
-const MOVED: [&str; 3] = [ABOVE_GROUND, GROUND, HILLSHADE];
+/// Products that move with the run; other files of these names are their owner's.
+pub(super) const MOVED: [&str; 3] = [ABOVE_GROUND, GROUND, HILLSHADE];
 /// The place of a mesh on the map, beside it.
 const MESH_GEOREFERENCE: &str = "mesh.georef.json";
 

@@ -3,6 +3,8 @@
 //! The moved files are written into a folder beside the present ones, which is then renamed to `RUN/align.pending`. From
 //! then on the run counts as moved: whichever call comes next puts the files in their place first.
 
+use super::outdated::MOVED;
+use super::products::Products;
 use super::run_folder::colors::hash_of_splats;
 use super::run_folder::stage::Stage;
 use super::{PipelineError, RunLock, TrainedCameras, outdated};
@@ -112,7 +114,9 @@ fn write_moved_files(
     }
     let heights = HEIGHTS.iter().map(|name| (name, shift.enu()));
     let maps = MAPS.iter().map(|name| (name, [shift.east_m, shift.north_m, 0.0]));
-    for (name, by) in heights.chain(maps).filter(|(name, _)| run.join(name).exists()) {
+    let products = Products::all(run);
+    let is_own = |name: &str| !MOVED.contains(&name) || products.iter().any(|path| path == Path::new(name));
+    for (name, by) in heights.chain(maps).filter(|(name, _)| is_own(name) && run.join(name).exists()) {
         write_moved(&run.join(name), &to.join(name), by)?;
     }
     Ok(write_json(&to.join(RECORD), record)?)

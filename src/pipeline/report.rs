@@ -18,10 +18,16 @@ pub fn report(run: &Path) -> Result<PathBuf, PipelineError> {
     Ok(page)
 }
 
-/// Writes the page anew if there is one, after a change of the run. That of several tiles is made with their mosaic.
+/// Writes the page anew if there is one, and the STAC Item, after a change of the run. Those of several tiles are made with their
+/// mosaic.
 pub(super) fn renew_report(run: &Path) -> Result<(), PipelineError> {
-    if run.join(PAGE).exists() && !run.join(PLAN).exists() {
+    if run.join(PLAN).exists() {
+        return Ok(());
+    }
+    if run.join(PAGE).exists() {
         report(run)?;
+    } else {
+        write_item(run)?;
     }
     Ok(())
 }

@@ -55,8 +55,10 @@ fn the_ground_of_jax_068_is_found_under_its_halls() {
     assert!(of_lidar[0] < 0.5 && of_lidar[1] < 1.5 && of_lidar[2] < 1.5, "{of_lidar:?}");
 
     // A surface model that another program reconstructed from the images, on the same grid.
-    let mut found = bare_ground(&HeightRaster::read(&scene.join("peer_s2p_dsm.tif")).unwrap().height, 0.5);
-    let offset = found.data.iter().zip(&surface.data).zip(&classes).filter(|(_, class)| **class == GROUND);
+    let images = HeightRaster::read(&scene.join("peer_s2p_dsm.tif")).unwrap().height;
+    let mut found = bare_ground(&images, 0.5);
+    // The offset is that of the surfaces, so that ground that is found too low is an error.
+    let offset = images.data.iter().zip(&surface.data).zip(&classes).filter(|(_, class)| **class == GROUND);
     let offset = offset.map(|((a, b), _)| f64::from(a - b)).filter(|d| !d.is_nan()).collect();
     let offset = median(offset).unwrap() as f32;
     found.data.iter_mut().for_each(|z| *z -= offset);

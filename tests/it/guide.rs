@@ -11,8 +11,8 @@ use std::process::Command;
 
 const GUIDE: &str = "docs/guide";
 /// What blocks need that are not run: images or points that are not in the repository, a network's file, minutes of work, a
-/// browser, several machines, the system's packages, a package of a release.
-const REASONS: [&str; 7] = ["images", "model", "minutes", "browser", "cluster", "root", "package"];
+/// browser, several machines, the system's packages, a package of a release, QGIS.
+const REASONS: [&str; 8] = ["images", "model", "minutes", "browser", "cluster", "root", "package", "QGIS"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

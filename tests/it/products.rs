@@ -140,7 +140,8 @@ fn products_are_added(town: &Town) {
     let placed = grid("dsm.tif");
     assert_eq!(properties["proj:code"], format!("EPSG:{}", placed.epsg));
     assert_eq!(properties["proj:shape"], serde_json::json!([placed.height, placed.width]));
-    assert_eq!(properties["proj:transform"][5], -placed.cell);
+    let transform = [placed.cell, 0.0, placed.west, 0.0, -placed.cell, placed.north];
+    assert_eq!(properties["proj:transform"], serde_json::json!(transform));
     assert!(properties["start_datetime"].as_str() < properties["end_datetime"].as_str());
     assert!(properties["datetime"].is_null());
     assert_eq!(properties["satgs:vertical_reference"], "ellipsoid");

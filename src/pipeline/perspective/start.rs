@@ -1,5 +1,6 @@
 //! What the training of a perspective scene starts from.
 
+use super::super::predict::OF_PHOTOGRAPHS;
 use super::super::scene_points::start_points;
 use super::super::{PipelineError, TrainOptions, predict};
 use super::start_pictures::write_pictures;
@@ -60,8 +61,13 @@ pub(super) fn splats_at_start(
     }
     if options.predict {
         let positions: Vec<[f64; 3]> = points.iter().map(|p| p.position.xyz()).collect();
-        let made =
-            predict::of_photographed_points(views, &positions, &Predictor::built_in()?, None, progress)?;
+        let made = predict::of_photographed_points(
+            views,
+            &positions,
+            &Predictor::built_in()?,
+            OF_PHOTOGRAPHS,
+            progress,
+        )?;
         return Ok(trainable(made.splats, recipe));
     }
     let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);

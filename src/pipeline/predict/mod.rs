@@ -22,7 +22,7 @@ pub use points::ENDINGS;
 pub(super) use points::of_surface;
 use serde::{Deserialize, Serialize};
 pub use splats::Untrained;
-pub(super) use splats::{of_photographed_points, of_points};
+pub(super) use splats::{OF_PHOTOGRAPHS, of_photographed_points, of_points};
 pub(super) use start::{prediction_of, read_predicted};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 pub struct PredictOptions {
     /// File of points; by default those of the run: its matched surface, else its sparse points; of a perspective scene its points.
     pub points: Option<PathBuf>,
-    /// File of a model; by default the one of the program.
+    /// File of a model; by default the one of the program, of photographs none.
     pub model: Option<PathBuf>,
     /// ONNX file of the network of image features that the model was trained with.
     pub image_features: Option<PathBuf>,

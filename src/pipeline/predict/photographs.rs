@@ -3,7 +3,7 @@
 use super::belonging::require_in_photographs;
 use super::points::read_points;
 use super::splats::of_photographed_points;
-use super::{Output, PredictOptions, Predicted, Untrained, read_model};
+use super::{OF_PHOTOGRAPHS, Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
 use crate::pipeline::run_folder::own_images::require_own_images;
@@ -60,9 +60,8 @@ fn predict(
     let mut made_from = perspective_fingerprint(scene)?;
     made_from.insert("--points".into(), file.map_or_else(|| "those of the scene".into(), hash_file));
     made_from.insert("--keep-place".into(), options.keeps_place.to_string());
-    // The model of the program has seen towns from above: of photographs its splats are worse than flat ones.
     let is_flat = options.model.is_none() && options.without_network.is_none();
-    let without_network = if is_flat { Some(Untrained::Flat) } else { options.without_network };
+    let without_network = if is_flat { OF_PHOTOGRAPHS } else { options.without_network };
     let options = &PredictOptions { without_network, ..options.clone() };
     let (output, kept) = Output::open(out, made_from, options, progress)?;
     if let Some(kept) = kept {

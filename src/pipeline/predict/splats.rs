@@ -27,6 +27,10 @@ pub enum Untrained {
     Flat,
 }
 
+/// How splats of photographs are made unless a model is named: the model of the program has seen towns from above, and of
+/// photographs its splats are worse than flat ones.
+pub const OF_PHOTOGRAPHS: Option<Untrained> = Some(Untrained::Flat);
+
 /// Splats of points, and the colour models of the views.
 pub struct SplatsOfPoints {
     pub splats: Splats,

@@ -61,13 +61,22 @@ impl Recipe {
         toml::to_string(self).unwrap_or_default()
     }
 
-    /// A weight of a term of discs in perspective scenes, if the recipe is for other splats or scenes.
-    pub fn idle_weight(&self) -> Option<&'static str> {
-        let has_discs = self.perspective.is_some() && self.primitive == PrimitiveKind::Disc;
-        let is_idle = |name: &&str| !has_discs && self.weights.get(name) > 0.0;
-        let of_discs =
-            ["normal_consistency", "depth_distortion", "depth_prior", "depth_smoothness", "normal_prior"];
-        of_discs.into_iter().find(is_idle)
+    /// A weight of a term of perspective scenes, or of discs in these, if the recipe is for other scenes or splats, and what
+    /// the term is of.
+    pub fn idle_weight(&self) -> Option<(&'static str, &'static str)> {
+        let is_photographed = self.perspective.is_some();
+        let has_discs = is_photographed && self.primitive == PrimitiveKind::Disc;
+        let of_discs = ("discs in perspective scenes", has_discs);
+        let of_photographs = ("perspective scenes", is_photographed);
+        let terms = [
+            ("normal_consistency", of_discs),
+            ("depth_distortion", of_discs),
+            ("normal_prior", of_discs),
+            ("depth_prior", of_photographs),
+            ("depth_smoothness", of_photographs),
+        ];
+        let is_idle = |(name, (_, is_so)): &(&str, (&str, bool))| !is_so && self.weights.get(name) > 0.0;
+        terms.into_iter().find(is_idle).map(|(name, (of, _))| (name, of))
     }
 
     /// Checks the ranges of all values; an error names the first that is out of range.
@@ -128,8 +137,8 @@ impl Recipe {
                 return Err(format!("perspective.sh_degree = {}, but must be from 0 to 3", p.sh_degree));
             }
         }
-        if let Some(name) = self.idle_weight() {
-            return Err(format!("weights.{name} is above 0, but is of discs in perspective scenes"));
+        if let Some((name, of)) = self.idle_weight() {
+            return Err(format!("weights.{name} is above 0, but is of {of}"));
         }
         let unequal = self.densification.filter(|g| g.active.is_some());
         if unequal.is_some_and(|g| g.max_scale.is_some() || g.max_radius.is_some()) {
