@@ -37,10 +37,11 @@ fn the_same_seed_gives_the_same_bytes_for_any_number_of_threads() {
     };
     let first = run(1, &small());
     let again = run(3, &SimulateOptions { overwrite: true, ..small() });
-    assert_eq!(first.len(), 4 + 4 + 3);
+    // Images, RPCs; surface, ground, classes, list of test views.
+    assert_eq!(first.len(), 4 + 4 + 4);
     assert!(first == again, "bytes differ");
     let other = run(2, &SimulateOptions { overwrite: true, seed: 1, views: 3, ..small() });
-    assert_eq!(other.len(), 3 + 3 + 3, "files of the earlier simulation are gone");
+    assert_eq!(other.len(), 3 + 3 + 4, "files of the earlier simulation are gone");
     assert!(other.iter().all(|(path, bytes)| first.get(path) != Some(bytes)));
 }
 
@@ -139,10 +140,10 @@ fn appearance_truth_is_the_same_for_any_number_of_threads_and_goes_with_the_opti
         files(&out)
     };
     let first = run(1, &varied());
-    assert_eq!(first.len(), 7 + 7 + 3 + 1 + 3 * 7 + 1, "{:?}", first.keys());
+    assert_eq!(first.len(), 7 + 7 + 4 + 1 + 3 * 7 + 1, "{:?}", first.keys());
     assert!(first == run(3, &SimulateOptions { overwrite: true, ..varied() }), "bytes differ");
     let plain = run(2, &SimulateOptions { overwrite: true, ..small() });
-    assert_eq!(plain.len(), 4 + 4 + 3, "{:?}", plain.keys());
+    assert_eq!(plain.len(), 4 + 4 + 4, "{:?}", plain.keys());
     assert!(!out.join("truth/appearance").exists());
 }
 
