@@ -95,11 +95,22 @@ impl Grid2 {
     /// The grid at half the size; each cell is the mean of those of its four cells that are not NaN.
     #[must_use]
     pub fn halved(&self) -> Self {
-        Self::from_rows(self.width / 2, self.height / 2, |row, line| {
+        self.means_of_fours(self.width / 2, self.height / 2)
+    }
+
+    /// As [`Grid2::halved`], with the last column and row of a grid with an odd number of them.
+    #[must_use]
+    pub fn halved_to_the_border(&self) -> Self {
+        self.means_of_fours(self.width.div_ceil(2), self.height.div_ceil(2))
+    }
+
+    /// Means of squares of two cells a side, of those that are in the grid and not NaN.
+    fn means_of_fours(&self, width: usize, height: usize) -> Self {
+        Self::from_rows(width, height, |row, line| {
             for (col, mean) in line.iter_mut().enumerate() {
                 let (mut sum, mut n) = (0.0f32, 0.0f32);
                 for (dc, dr) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                    let v = self.at(2 * col + dc, 2 * row + dr);
+                    let v = self.get((2 * col + dc) as i64, (2 * row + dr) as i64);
                     if !v.is_nan() {
                         sum += v;
                         n += 1.0;

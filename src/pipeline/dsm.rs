@@ -202,11 +202,7 @@ pub(crate) fn dsm_locked(
     if !is_done {
         write_rasters(run, &surface, &heights)?;
         outdated::after_surface(run, progress)?;
-        for product in made.outdated().into_iter().filter_map(Product::of_file) {
-            if !products.contains(&product) {
-                products.push(product);
-            }
-        }
+        Product::add_those_of(made.outdated(), &mut products);
     }
     for product in &products {
         product.write(run, &surface, &heights)?;
@@ -237,12 +233,10 @@ pub(super) fn before_training(
     let surface = satellite_surface(cameras, splats, Some(heights), run, grid)?;
     let (surface, heights) = completed(surface, options, &vertical)?;
     write_rasters(run, &surface, &heights)?;
-    for product in Products::all(run).into_iter().filter(|file| file.is_relative() && run.join(file).exists())
-    {
-        if let Some(product) = Product::of_file(product) {
-            product.write(run, &surface, &heights)?;
-        }
-    }
+    let made = Products::all(run).into_iter().filter(|file| file.is_relative() && run.join(file).exists());
+    let mut products = Vec::new();
+    Product::add_those_of(made, &mut products);
+    products.iter().try_for_each(|product| product.write(run, &surface, &heights))?;
     write_item(run)?;
     let files = [DSM, CONFIDENCE, ORTHO].map(|name| format!("`{}`", run.join(name).display()));
     progress.event(Event::Note(format!(
@@ -298,6 +292,15 @@ impl Product {
             Self::Points(path) | Self::Mesh(path) => (path.as_path(), None),
         };
         std::iter::once(first).chain(second)
+    }
+
+    /// Adds the products of files to a list, each once.
+    fn add_those_of(files: impl IntoIterator<Item = PathBuf>, list: &mut Vec<Self>) {
+        for product in files.into_iter().filter_map(Self::of_file) {
+            if !list.contains(&product) {
+                list.push(product);
+            }
+        }
     }
 
     /// The product that a file is, by its name.

@@ -12,7 +12,7 @@ pub(super) fn fill_smoothly(values: Grid2) -> Grid2 {
     if unknown == 0 || unknown == values.data.len() {
         return values;
     }
-    let coarse = fill_smoothly(halved(&values));
+    let coarse = fill_smoothly(values.halved_to_the_border());
     let last = [coarse.width, coarse.height].map(|n| n as f64 - 1.0);
     let mut filled = Grid2::from_rows(values.width, values.height, |row, line| {
         let y = ((row as f64 - 0.5) / 2.0).clamp(0.0, last[1]);
@@ -41,23 +41,6 @@ fn relaxed(filled: &Grid2, values: &Grid2) -> Grid2 {
             } else {
                 here[col]
             };
-        }
-    })
-}
-
-/// Means of blocks of 2 x 2 cells, of those that are not NaN; the last blocks may be narrower.
-fn halved(values: &Grid2) -> Grid2 {
-    Grid2::from_rows(values.width.div_ceil(2), values.height.div_ceil(2), |row, line| {
-        for (col, mean) in line.iter_mut().enumerate() {
-            let (mut sum, mut known) = (0.0, 0.0);
-            for (dc, dr) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                let value = values.get((2 * col + dc) as i64, (2 * row + dr) as i64);
-                if !value.is_nan() {
-                    sum += value;
-                    known += 1.0;
-                }
-            }
-            *mean = sum / known;
         }
     })
 }

@@ -59,11 +59,11 @@ pub trait Primitive: Copy + Debug + Default + Send + Sync + 'static {
     /// Whether the depth varies over the image of a splat as that of its plane.
     const IS_FLAT: bool;
     /// Number of planes after the features: two moments of the mapped depth, for the distortion loss (2DGS §5).
-    const MOMENTS: usize;
+    const MOMENTS: usize = 0;
     /// Number of planes after the transmittance: the median depth.
-    const MEDIANS: usize;
+    const MEDIANS: usize = 0;
     /// Whether the loss has derivatives by all planes of an image, not only by those of the features.
-    const TRAINS_ALL_PLANES: bool;
+    const TRAINS_ALL_PLANES: bool = false;
     /// The slope of the plane.
     type Slope<T: Real>: StoredNumbers<T, 2>;
     /// Sums over pixels from which the derivative by the slope follows.
@@ -95,9 +95,6 @@ pub struct Ellipsoid;
 
 impl Primitive for Ellipsoid {
     const IS_FLAT: bool = false;
-    const MOMENTS: usize = 0;
-    const MEDIANS: usize = 0;
-    const TRAINS_ALL_PLANES: bool = false;
     type Slope<T: Real> = ();
     type SlopeSums<T: Real> = ();
 }
@@ -108,8 +105,6 @@ pub struct EllipsoidWithTransmittance;
 
 impl Primitive for EllipsoidWithTransmittance {
     const IS_FLAT: bool = false;
-    const MOMENTS: usize = 0;
-    const MEDIANS: usize = 0;
     const TRAINS_ALL_PLANES: bool = true;
     type Slope<T: Real> = ();
     type SlopeSums<T: Real> = ();
@@ -121,9 +116,6 @@ pub struct Disc;
 
 impl Primitive for Disc {
     const IS_FLAT: bool = true;
-    const MOMENTS: usize = 0;
-    const MEDIANS: usize = 0;
-    const TRAINS_ALL_PLANES: bool = false;
     type Slope<T: Real> = [T; 2];
     type SlopeSums<T: Real> = [T; 4];
 }
