@@ -9,7 +9,8 @@
 //!
 //! | to | use |
 //! |---|---|
-//! | run a stage as the command line does, on a run folder | [`pipeline`]: [`adjust`](pipeline::adjust), [`train`](pipeline::train), [`dsm`](pipeline::dsm), [`evaluate`](pipeline::evaluate), [`run`](pipeline::run()) |
+//! | run a stage as the command line does, on a run folder | [`pipeline`]: [`adjust`](pipeline::adjust), [`train`](pipeline::train), [`dsm`](pipeline::dsm), [`evaluate`](pipeline::evaluate) |
+//! | run all stages of a scene of any kind and size | [`run`](mod@run) |
 //! | show progress, or stop long work | [`progress::Progress`] |
 //! | read a folder of images, its cameras and suns | [`scene::read`], [`scene::Scene`], [`scene::View`] |
 //! | read an RPC of any vendor, project and localise points | [`scene::read_camera`], [`rpc::Rpc`], [`rpc::formats`] |
@@ -54,7 +55,7 @@
 //!
 //! The modules stand in layers; each imports only from those above it in this list. Coordinates have a type for each
 //! frame, angles are degrees, lengths metres, and heights count from the WGS 84 ellipsoid unless stated otherwise. Errors
-//! are one enum a module; [`pipeline::PipelineError`] holds them all. The library prints nothing.
+//! are one enum a module; [`pipeline::PipelineError`] holds those of the stages. The library prints nothing.
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
@@ -84,11 +85,13 @@ pub mod mesh;
 pub mod dsm;
 pub mod metrics;
 pub mod coregister;
+pub mod changes;
 pub mod report;
 pub mod viewer;
 pub mod export;
 pub mod pipeline;
 pub mod tiles;
+pub mod run;
 #[cfg(feature = "cli")]
 #[cfg_attr(docsrs, doc(cfg(feature = "cli")))]
 pub mod cli;

@@ -7,10 +7,11 @@ use crate::work;
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use satgs::cli::{self, CliError, ReadScene};
+use satgs::cli::{self, CliError};
 use satgs::perspective::{PerspectiveScene, PerspectiveView};
 use satgs::pipeline::TrainedPhoto;
 use satgs::rpc::formats::RpcFile;
+use satgs::run::AnyScene;
 use satgs::scene::{Role, Scene, View};
 use std::ffi::OsString;
 
@@ -86,8 +87,8 @@ pub fn read_scene(
     let scene = work::run(py, &progress, |progress| cli::read_scene(words, progress))?;
     let known = PyDict::new(py);
     let views = match scene {
-        ReadScene::Satellites(scene) => of_satellites(*scene, &known)?,
-        ReadScene::Photographs(scene) => of_photographs(py, *scene, &known)?,
+        AnyScene::Satellites(scene) => of_satellites(*scene, &known)?,
+        AnyScene::Photographs(found) => of_photographs(py, found.scene, &known)?,
     };
     Ok((views, known))
 }

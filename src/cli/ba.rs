@@ -1,9 +1,11 @@
 //! `satgs ba`: bundle adjustment.
 
+use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
 use super::{CliError, Ui, parse_metres};
 use crate::bundle::{CorrectionModel, LeftOut};
 use crate::pipeline::{AdjustOptions, Adjusted, DemOptions, adjust};
+use crate::run::AnyScene;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -109,21 +111,37 @@ impl Args {
         &self.output
     }
 
-    /// Path of the scene.
-    pub fn scene(&self) -> &Path {
-        self.scene.path()
-    }
-
     /// Whether to replace what is there.
     pub fn overwrite(&self) -> bool {
         self.overwrite
     }
 
-    /// Reads the scene and shows its warnings.
-    pub fn read_scene(&self, ui: &Ui) -> Result<Scene, CliError> {
-        let scene = self.scene.read(self.height_range, ui)?;
-        refuse_output_inside(&self.output, self.scene.path())?;
-        Ok(scene)
+    /// Reads a satellite scene and shows its warnings.
+    pub fn read(&self, ui: &Ui) -> Result<Scene, CliError> {
+        self.refuse_output_inside()?;
+        self.scene.read(self.height_range, ui)
+    }
+
+    /// Whether the scene is one of photographs.
+    pub fn is_of_photographs(&self) -> bool {
+        self.scene.is_of_photographs()
+    }
+
+    /// Reads a scene of either kind and shows its warnings.
+    pub fn read_any(&self, of_photographs: &PerspectiveArgs, ui: &Ui) -> Result<AnyScene, CliError> {
+        self.refuse_output_inside()?;
+        self.scene.read_any(of_photographs, self.height_range, ui)
+    }
+
+    /// A run folder among the images would be read as part of the scene the next time.
+    fn refuse_output_inside(&self) -> Result<(), CliError> {
+        let absolute = |p: &Path| std::fs::canonicalize(p).ok();
+        let is_same = absolute(&self.output).is_some_and(|o| Some(o) == absolute(self.scene.path()));
+        if is_same {
+            let message = format!("the output `{}` is the scene itself", self.output.display());
+            return Err(CliError::input(message, "choose another folder for -o"));
+        }
+        Ok(())
     }
 
     /// The options as the library takes them.
@@ -147,7 +165,7 @@ impl Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let scene = args.read_scene(ui)?;
+    let scene = args.read(ui)?;
     let adjusted = adjust(&scene, &args.options(), &args.output, ui)?;
     show(&adjusted, ui)?;
     require_all(&args.output, adjusted.left_out(), ui)
@@ -174,15 +192,4 @@ pub fn require_all(run: &Path, left_out: &[LeftOut], ui: &Ui) -> Result<(), CliE
     let report = run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT);
     let hint = format!("`{}` gives the reasons; everything else is complete", report.display());
     ui.partial(message, hint)
-}
-
-/// A run folder among the images would be read as part of the scene the next time.
-pub fn refuse_output_inside(output: &Path, scene: &Path) -> Result<(), CliError> {
-    let absolute = |p: &Path| std::fs::canonicalize(p).ok();
-    let same = absolute(output).is_some_and(|o| Some(o) == absolute(scene));
-    if same {
-        let message = format!("the output `{}` is the scene itself", output.display());
-        return Err(CliError::input(message, "choose another folder for -o"));
-    }
-    Ok(())
 }

@@ -1,9 +1,9 @@
 //! Commands that a program calls in place of a user, with the same arguments, checks and defaults. The Python package is made
 //! of these calls: an option of a command is an argument of its call.
 
-pub use super::info::ReadScene;
 use super::{Cli, CliError, Command, StageSummary, Ui, parse, run};
 use crate::progress::Progress;
+use crate::run::AnyScene;
 use clap::{Arg, ArgAction, CommandFactory};
 use serde_json::{Map, Value, json};
 use std::ffi::OsString;
@@ -30,7 +30,7 @@ pub fn call(
 pub fn read_scene(
     words: impl IntoIterator<Item = OsString>,
     caller: &dyn Progress,
-) -> Result<ReadScene, CliError> {
+) -> Result<AnyScene, CliError> {
     let words = std::iter::once("info".into()).chain(words);
     let (cli, given) = parse(with_program(words)).map_err(|e| usage_error(&e))?;
     let ui = Ui::new(&cli.common, given, Some(caller));

@@ -1,6 +1,7 @@
 //! How a command ends when it is not complete: one line, perhaps a hint, an exit code.
 
 use crate::pipeline::{ErrorKind, PipelineError, message_with_causes};
+use crate::run::RunError;
 use crate::tiles::TilesError;
 use miette::Diagnostic;
 
@@ -65,6 +66,15 @@ impl CliError {
     #[must_use]
     pub fn is_partial(&self) -> bool {
         self.status == ExitStatus::Partial
+    }
+}
+
+impl From<RunError> for CliError {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Pipeline(e) => e.into(),
+            RunError::Tiles(e) => e.into(),
+        }
     }
 }
 

@@ -2,13 +2,12 @@
 
 use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
-use super::scene_kind::SceneKind;
 use super::{CliError, Ui, perspective_info, splat_info};
 use crate::estimate::{BEST_CONVERGENCE_DEG, Imaging, best_convergence_deg};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::mvs::DSM_CELL_M;
-use crate::perspective::PerspectiveScene;
 use crate::progress::{Event, Progress};
+use crate::run::AnyScene;
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use crate::splat::recipe::Recipe;
 use crate::tiles::PlanOptions;
@@ -45,29 +44,16 @@ pub struct Args {
     overwrite: bool,
 }
 
-/// A scene of either kind.
-#[derive(Debug)]
-pub enum ReadScene {
-    /// Images with RPCs.
-    Satellites(Box<Scene>),
-    /// Images with pinhole cameras.
-    Photographs(Box<PerspectiveScene>),
-}
-
 impl Args {
     /// Reads the scene and shows its warnings.
-    pub(super) fn read(&self, ui: &Ui) -> Result<ReadScene, CliError> {
-        let path = self.scene.path();
-        if PerspectiveScene::is_one(path) {
-            ui.given().require_of(SceneKind::Photographs, path)?;
-            let scene = PerspectiveScene::read(path, &self.perspective.options())?;
-            for warning in scene.georeference.iter().flat_map(|g| g.warnings()) {
+    pub(super) fn read(&self, ui: &Ui) -> Result<AnyScene, CliError> {
+        let scene = self.scene.read_any(&self.perspective, None, ui)?;
+        if let AnyScene::Photographs(photographs) = &scene {
+            for warning in photographs.scene.georeference.iter().flat_map(|g| g.warnings()) {
                 ui.event(Event::Warning(warning.clone()));
             }
-            return Ok(ReadScene::Photographs(Box::new(scene)));
         }
-        ui.given().require_of(SceneKind::Satellites, path)?;
-        Ok(ReadScene::Satellites(Box::new(self.scene.read(None, ui)?)))
+        Ok(scene)
     }
 }
 
@@ -82,8 +68,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         }
     }
     let scene = match args.read(ui)? {
-        ReadScene::Satellites(scene) => scene,
-        ReadScene::Photographs(scene) => return perspective_info::run(args.scene.path(), &scene, ui),
+        AnyScene::Satellites(scene) => scene,
+        AnyScene::Photographs(found) => return perspective_info::run(&found.path, &found.scene, ui),
     };
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         check_writable(file)?;

@@ -1,6 +1,7 @@
 //! The command line: arguments in, a library call, a summary out. It holds no algorithm.
 
 mod called;
+mod changes;
 mod error;
 mod event_lines;
 mod interrupt;
@@ -34,7 +35,7 @@ mod tile;
 mod train;
 mod view;
 
-pub use called::{ReadScene, arguments, call, read_scene};
+pub use called::{arguments, call, read_scene};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
 pub use perspective_args::PerspectiveArgs;
@@ -104,6 +105,7 @@ enum Command {
     Train(train::Args),
     Dsm(dsm::Args),
     DsmEval(dsm_eval::Args),
+    Changes(changes::Args),
     Render(render::Args),
     NvsEval(nvs_eval::Args),
     Mesh(mesh::Args),
@@ -180,6 +182,7 @@ fn run(command: &Command, ui: &Ui) -> Result<(), CliError> {
         Command::Train(args) => train::run(args, ui),
         Command::Dsm(args) => dsm::run(args, ui),
         Command::DsmEval(args) => dsm_eval::run(args, ui),
+        Command::Changes(args) => changes::run(args, ui),
         Command::Render(args) => render::run(args, ui),
         Command::NvsEval(args) => nvs_eval::run(args, ui),
         Command::Mesh(args) => mesh::run(args, ui),

@@ -92,7 +92,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         overwrite,
     };
     options.check()?;
-    let scene = args.ba.read_scene(ui)?;
+    let scene = args.ba.read(ui)?;
     let adjusted = adjust(&scene, &args.ba.options(), run, ui)?;
     ba::show(&adjusted, ui)?;
     show(run, &plan(run, &options, ui)?, ui)?;

@@ -1,13 +1,10 @@
 //! `satgs run`: every stage in a row.
 
 use super::perspective_args::PerspectiveArgs;
-use super::scene_kind::SceneKind;
 use super::{CliError, Ui, ba, dsm, dsm_eval, mosaic, nvs_eval, plan, report, train};
 use crate::bundle::LeftOut;
-use crate::perspective::PerspectiveScene;
-use crate::pipeline::{PerspectiveRunOptions, RunOptions, StageResult, run_perspective};
+use crate::run::{RunOptions, StageResult, run as run_all};
 use crate::splat::recipe::Recipe;
-use crate::tiles::{SceneOptions, SceneResult, run as run_all};
 use std::path::{Path, PathBuf};
 
 /// Do everything: adjust, train, render, score if --truth is given, and write a report
@@ -39,46 +36,44 @@ pub struct Args {
     perspective: PerspectiveArgs,
 }
 
+impl Args {
+    fn options(&self) -> RunOptions {
+        let overwrite = self.ba.overwrite();
+        let recipe =
+            if self.ba.is_of_photographs() { Recipe::OF_PERSPECTIVE_SCENES } else { Recipe::NAMES[0] };
+        RunOptions {
+            adjust: self.ba.options(),
+            train: self.training.options(recipe, overwrite),
+            dsm: self.surface.options(overwrite),
+            truth: self.truth.clone(),
+            evaluate: self.scoring.options(true),
+            core_m: self.tiling.core,
+            overlap_m: self.tiling.overlap,
+            max_memory_mb: self.tiling.max_memory,
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
-    if PerspectiveScene::is_one(args.ba.scene()) {
-        return run_photographs(args, ui);
+    let (run, options) = (args.ba.output(), args.options());
+    if !args.ba.is_of_photographs() {
+        // Files that late stages read are opened before the images: training is long.
+        options.check_satellites(run)?;
     }
-    ui.given().require_of(SceneKind::Satellites, args.ba.scene())?;
-    let stages = RunOptions {
-        adjust: args.ba.options(),
-        train: args.training.options(Recipe::NAMES[0], overwrite),
-        dsm: args.surface.options(overwrite),
-        truth: args.truth.clone(),
-        evaluate: args.scoring.options(true),
-    };
-    let options = SceneOptions {
-        stages,
-        core_m: args.tiling.core,
-        overlap_m: args.tiling.overlap,
-        max_memory_mb: args.tiling.max_memory,
-    };
-    // Files that late stages read are opened before the images: training is long.
-    options.check(run)?;
-    let scene = args.ba.read_scene(ui)?;
+    let scene = args.ba.read_any(&args.perspective, ui)?;
     let mut left_out: Vec<LeftOut> = Vec::new();
     let mut shown = Ok(());
-    let mut show = |result: SceneResult| {
-        let done = match result {
-            SceneResult::Planned(outcome) => plan::show(run, &outcome, ui),
-            SceneResult::Mosaicked(outcome) => mosaic::show(run, &outcome, ui),
-            SceneResult::Stage(StageResult::Adjusted(adjusted)) => {
-                left_out = adjusted.left_out().to_vec();
-                ba::show(&adjusted, ui)
-            }
-            SceneResult::Stage(result) => show_stage(run, &result, ui),
-        };
+    let mut show = |result: StageResult| {
+        if let StageResult::Adjusted(adjusted) = &result {
+            left_out = adjusted.left_out().to_vec();
+        }
+        let done = show_stage(run, &result, ui);
         if shown.is_ok() {
             shown = done;
         }
     };
-    run_all(&scene, &options, run, ui, &mut show)?;
+    run_all(scene, &options, run, ui, &mut show)?;
     shown?;
     ba::require_all(run, &left_out, ui)
 }
@@ -90,28 +85,9 @@ fn show_stage(run: &Path, result: &StageResult, ui: &Ui) -> Result<(), CliError>
         StageResult::Trained(outcome) => train::show(run, outcome, ui),
         StageResult::Scored(scores) => nvs_eval::show(scores, ui),
         StageResult::Dsm(outcome) => dsm::show(run, outcome, ui),
+        StageResult::Planned(outcome) => plan::show(run, outcome, ui),
+        StageResult::Mosaicked(outcome) => mosaic::show(run, outcome, ui),
         StageResult::Evaluated(evaluation) => dsm_eval::show(evaluation, ui),
         StageResult::Reported(page) => report::show(page, ui),
     }
-}
-
-/// Runs the stages of a perspective scene.
-fn run_photographs(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
-    ui.given().require_of(SceneKind::Photographs, args.ba.scene())?;
-    ba::refuse_output_inside(run, args.ba.scene())?;
-    let options = PerspectiveRunOptions {
-        scene: args.perspective.options(),
-        train: args.training.options(Recipe::OF_PERSPECTIVE_SCENES, overwrite),
-        dsm: args.surface.options(overwrite),
-    };
-    let mut shown = Ok(());
-    let mut show = |result: StageResult| {
-        let done = show_stage(run, &result, ui);
-        if shown.is_ok() {
-            shown = done;
-        }
-    };
-    run_perspective(args.ba.scene(), &options, run, ui, &mut show)?;
-    shown
 }

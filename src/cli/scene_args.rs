@@ -1,8 +1,11 @@
 //! The arguments of every command that reads a scene.
 
+use super::perspective_args::PerspectiveArgs;
+use super::scene_kind::SceneKind;
 use super::{CliError, Ui};
 use crate::perspective::PerspectiveScene;
 use crate::progress::{Event, Progress};
+use crate::run::AnyScene;
 use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun, TransferFunction};
 use std::path::{Path, PathBuf};
 
@@ -63,7 +66,28 @@ impl SceneArgs {
         &self.scene
     }
 
-    /// Reads the scene and shows its warnings.
+    /// Reads a scene of either kind and shows the warnings of satellite scenes. An option that scenes of its kind do not use is an
+    /// error.
+    pub fn read_any(
+        &self,
+        of_photographs: &PerspectiveArgs,
+        height_range: Option<(f64, f64)>,
+        ui: &Ui,
+    ) -> Result<AnyScene, CliError> {
+        if self.is_of_photographs() {
+            ui.given().require_of(SceneKind::Photographs, &self.scene)?;
+            return Ok(AnyScene::read_photographs(&self.scene, &of_photographs.options())?);
+        }
+        ui.given().require_of(SceneKind::Satellites, &self.scene)?;
+        Ok(self.read(height_range, ui)?.into())
+    }
+
+    /// Whether the scene is one of photographs.
+    pub fn is_of_photographs(&self) -> bool {
+        PerspectiveScene::is_one(&self.scene)
+    }
+
+    /// Reads a satellite scene and shows its warnings.
     pub fn read(&self, height_range: Option<(f64, f64)>, ui: &Ui) -> Result<Scene, CliError> {
         PerspectiveScene::require_satellite(&self.scene)?;
         let options = ReadOptions {

@@ -211,7 +211,7 @@ pub fn evaluate(
     evidence: Option<Evidence>,
     mut truth: Truth,
 ) -> Result<Evaluation, MetricsError> {
-    bring_together(&mut prediction, &mut truth)?;
+    truth.notes.extend(to_one_reference(&mut prediction, &mut truth.surface)?);
     let grid = truth.surface.grid;
     let heights = truth.surface.height.data.par_iter();
     // The comparisons pass over NaN.
@@ -288,15 +288,17 @@ pub fn evaluate(
 }
 
 /// Converts both rasters to ellipsoidal heights if their files state different vertical references. If one states none,
-/// or an unknown one, heights stay as they are, and a note says so.
-fn bring_together(prediction: &mut HeightRaster, truth: &mut Truth) -> Result<(), MetricsError> {
-    let (Some(ours), Some(theirs)) = (&prediction.vertical, &truth.surface.vertical) else { return Ok(()) };
-    if ours == theirs || [ours, theirs].into_iter().any(|name| VerticalReference::read(name).is_err()) {
-        return Ok(());
+/// or an unknown one, heights stay as they are. Returns sentences that say what was converted.
+///
+/// # Errors
+/// As [`HeightRaster::to_ellipsoid`].
+pub fn to_one_reference(a: &mut HeightRaster, b: &mut HeightRaster) -> Result<Vec<String>, MetricsError> {
+    let (Some(of_a), Some(of_b)) = (&a.vertical, &b.vertical) else { return Ok(Vec::new()) };
+    if of_a == of_b || [of_a, of_b].into_iter().any(|name| VerticalReference::read(name).is_err()) {
+        return Ok(Vec::new());
     }
-    let done = [prediction.to_ellipsoid()?, truth.surface.to_ellipsoid()?];
-    truth.notes.extend(done.into_iter().flatten());
-    Ok(())
+    let done = [a.to_ellipsoid()?, b.to_ellipsoid()?];
+    Ok(done.into_iter().flatten().collect())
 }
 
 fn extent(grid: &MapGrid) -> String {

@@ -1,4 +1,4 @@
-//! The error map as an image and as a QGIS style: red where the prediction is too high, blue where it is too low.
+//! Differences of heights as an image and as a QGIS style: red where the prediction is too high, blue where it is too low.
 
 use crate::io::{Grid2, RgbImage, color_style, round_below};
 
@@ -39,10 +39,23 @@ pub fn error_picture(errors: &Grid2) -> RgbImage {
     RgbImage { width, height, data }
 }
 
+/// What the ends of the scale of colours mean.
+pub struct ScaleWords {
+    /// After the length at the blue end.
+    pub below: &'static str,
+    /// After the length at the red end.
+    pub above: &'static str,
+    /// Of cells without a value.
+    pub missing: &'static str,
+}
+
+/// The words of errors.
+pub const ERRORS: ScaleWords = ScaleWords { below: "too low", above: "too high", missing: "not scored" };
+
 /// The image of an error map to be read by itself: [`error_picture`], enlarged if the map is small, over a scale of the colours
 /// and of lengths. `cell_m` is the side of a cell on the ground, metres.
 #[must_use]
-pub fn error_figure(errors: &Grid2, cell_m: f64) -> RgbImage {
+pub fn error_figure(errors: &Grid2, cell_m: f64, words: &ScaleWords) -> RgbImage {
     let map = error_picture(errors);
     let by = SMALLEST_SIDE.div_ceil(map.width.max(map.height).max(1)).max(1);
     let (wide, high) = (map.width * by, map.height * by);
@@ -59,10 +72,10 @@ pub fn error_figure(errors: &Grid2, cell_m: f64) -> RgbImage {
         out.fill((left + i, top), (1, BAR_PX), color(error).map(|c| c.round() as u8));
     }
     let below = top + BAR_PX + 4;
-    out.write_text((left, below), "3 m too low");
+    out.write_text((left, below), &format!("{FULL_COLOUR_M} m {}", words.below));
     out.write_text((left + (SCALE_PX - RgbImage::text_width("0")) / 2, below), "0");
-    let text = "3 m too high";
-    out.write_text((left + SCALE_PX - RgbImage::text_width(text), below), text);
+    let text = format!("{FULL_COLOUR_M} m {}", words.above);
+    out.write_text((left + SCALE_PX - RgbImage::text_width(&text), below), &text);
     // A length on the ground and the colour of what is not scored.
     let px_m = cell_m * (errors.width as f64 / wide.max(1) as f64);
     let metres = round_below(SCALE_SHARE * wide as f64 * px_m);
@@ -70,9 +83,9 @@ pub fn error_figure(errors: &Grid2, cell_m: f64) -> RgbImage {
     let length = (metres / px_m).round() as usize;
     out.fill((left, second + RgbImage::TEXT_HEIGHT / 2), (length, 3), [28, 30, 33]);
     out.write_text((left + length + 8, second), &format!("{metres} m"));
-    let at = left + SCALE_PX - RgbImage::text_width("not scored");
+    let at = left + SCALE_PX - RgbImage::text_width(words.missing);
     out.fill((at - BAR_PX - 8, second), (BAR_PX, BAR_PX), NOT_SCORED.map(|c| c as u8));
-    out.write_text((at, second), "not scored");
+    out.write_text((at, second), words.missing);
     out
 }
 
@@ -108,11 +121,11 @@ mod tests {
 
     #[test]
     fn the_figure_is_large_enough_and_holds_the_map_and_its_scale() {
-        let figure = error_figure(&Grid2::filled(140, 136, 3.0), 0.5);
+        let figure = error_figure(&Grid2::filled(140, 136, 3.0), 0.5, &ERRORS);
         assert_eq!((figure.width, figure.height), (5 * 140 + 32, 5 * 136 + 48 + FOOT_PX));
         assert_eq!(figure.at(MARGIN_PX + 300, MARGIN_PX + 300), [178, 24, 43]);
         assert_eq!(figure.at(MARGIN_PX, 5 * 136 + 2 * MARGIN_PX), [33, 102, 172]);
-        let large = error_figure(&Grid2::filled(3000, 20, f32::NAN), 0.5);
+        let large = error_figure(&Grid2::filled(3000, 20, f32::NAN), 0.5, &ERRORS);
         assert_eq!(large.width, 1500 + 32);
     }
 

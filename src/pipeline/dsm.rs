@@ -73,7 +73,7 @@ impl Default for DsmOptions {
 
 impl DsmOptions {
     /// An error if an option is given, for scenes of which no surface model can be made.
-    pub(super) fn require_none(&self) -> Result<(), PipelineError> {
+    pub(crate) fn require_none(&self) -> Result<(), PipelineError> {
         // All fields are named, so that none is forgotten.
         let Self {
             resolution_m,
@@ -221,7 +221,7 @@ pub(crate) fn dsm_locked(
 
 /// Writes the rasters of a surface whose heights are known although its splats are still to be trained. The stage is complete
 /// only when it is rendered from the trained ones.
-pub(super) fn before_training(
+pub(crate) fn before_training(
     run: &Path,
     options: &DsmOptions,
     known: &KnownSurface,

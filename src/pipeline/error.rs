@@ -2,6 +2,7 @@
 
 use crate::affine::{FitError, SiteSceneError};
 use crate::bundle::BundleError;
+use crate::changes::ChangesError;
 use crate::checkpoint::CheckpointError;
 use crate::coregister::CoregisterError;
 use crate::export::ExportError;
@@ -462,6 +463,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Coregister(#[from] CoregisterError),
+    /// See [`ChangesError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Changes(#[from] ChangesError),
     /// See [`ReportError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -522,6 +527,7 @@ impl PipelineError {
             Self::Mesh(e) => e.kind(),
             Self::Metrics(e) => e.kind(),
             Self::Coregister(e) => e.kind(),
+            Self::Changes(e) => e.kind(),
             Self::Report(e) => e.kind(),
             Self::Viewer(e) => e.kind(),
             Self::Predict(e) => e.kind(),

@@ -38,7 +38,7 @@ pub struct EvaluateOptions {
 
 impl EvaluateOptions {
     /// As [`Truth::read`] takes them.
-    pub(super) fn truth_options(&self) -> Result<TruthOptions<'_>, PipelineError> {
+    pub(crate) fn truth_options(&self) -> Result<TruthOptions<'_>, PipelineError> {
         Ok(TruthOptions {
             classes: self.classes.as_deref(),
             mask: self.mask.as_deref(),
@@ -85,7 +85,10 @@ pub fn evaluate(
 
 /// What the confidence of a surface model says of its cells; none without one, or if its views are not counted. A file that
 /// was not asked for is passed over unless it is a confidence of the same cells.
-fn evidence(prediction: &HeightRaster, asked: Option<&Path>) -> Result<Option<Evidence>, PipelineError> {
+pub(super) fn evidence(
+    prediction: &HeightRaster,
+    asked: Option<&Path>,
+) -> Result<Option<Evidence>, PipelineError> {
     let beside = prediction.path.with_file_name(CONFIDENCE);
     if asked.is_none() && !beside.exists() {
         return Ok(None);
@@ -149,7 +152,7 @@ fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(
     let cog = Cog { grid: evaluation.grid, metadata: &metadata, heights_from: None };
     cog.write_f32(&folder.join(ERROR_MAP), &[("error", "m", &errors)])?;
     write_file(&folder.join(ERROR_STYLE), error_style())?;
-    let picture = error_figure(&errors, evaluation.cell_m);
+    let picture = error_figure(&errors, evaluation.cell_m, &metrics::ERRORS);
     picture.write(&folder.join(ERROR_PICTURE))?;
     for name in FIGURES {
         // Figures of an earlier truth that had classes would stay.

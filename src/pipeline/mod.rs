@@ -2,8 +2,8 @@
 //!
 //! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
 //! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
-//! [`nvs_eval`], [`mesh()`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main
-//! stages in a row. [`prior_maps`] makes maps that training takes. Options are plain
+//! [`nvs_eval`], [`mesh()`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it;
+//! [`run`](crate::run::run()) calls the main stages in a row. [`prior_maps`] makes maps that training takes. Options are plain
 //! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
 //! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
 //! [`Progress`](crate::progress::Progress), which can also stop it.
@@ -14,7 +14,7 @@
 
 mod adjust;
 mod align;
-mod appearance;
+mod changes;
 mod colmap_folder;
 mod datum;
 mod depth_views;
@@ -34,6 +34,7 @@ mod nvs_scores;
 mod outdated;
 mod page_layers;
 mod perspective;
+mod photographs;
 mod predict;
 mod prior_maps;
 mod products;
@@ -41,17 +42,14 @@ mod relocation;
 mod render;
 mod render_options;
 mod report;
-mod run;
 mod run_folder;
-mod run_perspective;
+mod satellite;
 mod scene_points;
 mod stac_item;
-mod stage_result;
 mod surface_source;
 mod train;
 mod train_options;
 mod trained;
-mod training;
 mod training_stage;
 mod view;
 
@@ -59,8 +57,9 @@ pub use crate::fault::ErrorKind;
 pub(crate) use adjust::adjust_locked;
 pub use adjust::{AdjustOptions, Adjusted, DemOptions, adjust};
 pub use align::{AlignOptions, Aligned, align};
-pub(crate) use dsm::dsm_locked;
+pub use changes::{ChangesOptions, changes};
 pub use dsm::{DsmOptions, DsmSummary, dsm};
+pub(crate) use dsm::{before_training as surface_before_training, dsm_locked};
 pub use error::{PipelineError, message_with_causes};
 pub use evaluate::{EvaluateOptions, evaluate};
 pub use export::export_colmap;
@@ -70,24 +69,24 @@ pub use exported::{ExportedSplats, ExportedTileset, ExportedView, ExportedViews,
 pub use mesh::{MeshOptions, MeshSummary, mesh};
 pub use mesh_eval::{MeshAlignment, MeshEvalOptions, MeshEvaluation, mesh_eval};
 pub use nvs_eval::nvs_eval;
+pub(crate) use nvs_eval::nvs_eval_locked;
 pub use nvs_scores::{NvsOptions, NvsScores, Protocol, ViewScore};
 pub(crate) use outdated::after_surface;
+pub(crate) use perspective::train_scene;
+pub(crate) use photographs::tell_of_scene;
 pub use predict::{ENDINGS as POINT_ENDINGS, PredictOptions, Predicted, Untrained, predict};
 pub use prior_maps::{PriorMapOptions, PriorMapSummary, prior_maps};
 pub use render::render;
 pub use render_options::{Colors, Moment, RenderOptions, RenderSummary, Viewpoint};
 pub use report::report;
-pub(crate) use run::run_adjusted;
-pub use run::{RunOptions, run};
 pub use run_folder::lock::RunLock;
 pub use run_folder::perspective_cameras::{PerspectiveCameras, TrainedPhoto};
 pub use run_folder::perspective_manifest::PerspectiveManifest;
 pub use run_folder::satellite_cameras::{TrainedCameras, read_scene};
 pub use run_folder::stage::Outcome;
 pub(crate) use run_folder::stage::{Fingerprint, Stage, hash, hash_file, made_from, or_none};
-pub use run_perspective::{PerspectiveRunOptions, run_perspective};
 pub(crate) use stac_item::write_item;
-pub use stage_result::StageResult;
+pub(crate) use surface_source::KnownSurface;
 pub use train::train;
 pub(crate) use train::train_locked;
 pub use train_options::TrainOptions;

@@ -45,7 +45,7 @@ pub fn mosaic(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>,
 }
 
 /// As [`mosaic`], without the report; the caller holds the lock.
-pub(super) fn mosaic_locked(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>, TilesError> {
+pub(crate) fn mosaic_locked(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>, TilesError> {
     let plan = Plan::read(run)?;
     let (done, absent): (Vec<_>, Vec<_>) =
         plan.tiles.iter().partition(|tile| Done::of_tile(run, tile).is_some());

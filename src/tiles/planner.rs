@@ -74,7 +74,7 @@ pub fn plan(run: &Path, options: &PlanOptions, progress: &dyn Progress) -> Resul
 }
 
 /// As [`plan`]; the caller holds the lock.
-pub(super) fn plan_locked(
+pub(crate) fn plan_locked(
     run: &Path,
     options: &PlanOptions,
     progress: &dyn Progress,

@@ -5,8 +5,9 @@
 //! of the scene must be nearly the same. A deliberate change of the results changes both here, and says so in the change log.
 
 use satgs::io::ImageFile;
-use satgs::pipeline::{RunOptions, TrainOptions, run};
+use satgs::pipeline::TrainOptions;
 use satgs::progress::NoProgress;
+use satgs::run::{RunOptions, run};
 use satgs::run_files::{ADJUSTMENT, DSM, SPLATS};
 use satgs::scene::{self, ReadOptions};
 use satgs::simulate::{SimulateOptions, simulate};
@@ -104,7 +105,8 @@ fn a_small_scene_gives_the_bytes_that_it_gave_before() {
         let out = folder.path().join(recipe);
         let name = if recipe == "growing" { growing_file.to_str().unwrap() } else { recipe };
         let train = TrainOptions { recipe: name.into(), iterations: Some(120), ..TrainOptions::default() };
-        run(&scene, &RunOptions { train, ..RunOptions::default() }, &out, &NoProgress, &mut |_| {}).unwrap();
+        let options = RunOptions { train, ..RunOptions::default() };
+        run(scene.clone().into(), &options, &out, &NoProgress, &mut |_| {}).unwrap();
         hashes_and_figures(&out)
     };
     let found = KNOWN.map(|known| (of_recipe(known.recipe), known));

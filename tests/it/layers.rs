@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 32] = [
+const LAYERS: [(&str, Option<&[&str]>); 34] = [
     ("fault", Some(&[])),
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
@@ -41,11 +41,13 @@ const LAYERS: [(&str, Option<&[&str]>); 32] = [
     ("dsm", None),
     ("metrics", Some(&["fault", "stats", "random", "progress", "frame", "io", "mesh"])),
     ("coregister", Some(&["fault", "stats", "frame", "io", "metrics"])),
+    ("changes", Some(&["fault", "stats", "random", "frame", "io", "metrics"])),
     ("report", None),
     ("viewer", None),
     ("export", None),
     ("pipeline", None),
     ("tiles", None),
+    ("run", None),
     ("cli", None),
 ];
 

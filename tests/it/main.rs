@@ -22,6 +22,7 @@ mod bytes;
 mod camera_choice;
 mod circles;
 mod display_gamma;
+mod error_kinds;
 mod examples;
 mod export;
 mod guide;

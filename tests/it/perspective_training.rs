@@ -4,12 +4,13 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use satgs::io::{NpyArray, NumberKind};
 use satgs::perspective::{PerspectiveOptions, PinholeCamera};
 use satgs::pipeline::{
-    DsmOptions, NvsOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult,
-    TrainOptions, Viewpoint, dsm, nvs_eval, render, run_perspective, train,
+    DsmOptions, NvsOptions, Outcome, PipelineError, RenderOptions, TrainOptions, Viewpoint, dsm, nvs_eval,
+    render, train,
 };
 use satgs::prior::PriorSource;
 use satgs::progress::{Event, NoProgress, Progress, Recorder};
 use satgs::random::CounterRng;
+use satgs::run::{AnyScene, RunError, RunOptions, StageResult};
 use satgs::splat::pinhole::{NEAREST, PinholePicture};
 use satgs::splat::ply;
 use satgs::splat::recipe::StartPoints;
@@ -69,10 +70,22 @@ fn make_scene(folder: &Path) -> PathBuf {
     scene
 }
 
-fn options(iterations: u32) -> PerspectiveRunOptions {
-    let defaults = PerspectiveRunOptions::default();
+fn options(iterations: u32) -> RunOptions {
+    let defaults = RunOptions::of_photographs();
     let train = TrainOptions { iterations: Some(iterations), checkpoint_every: 50, ..defaults.train };
-    PerspectiveRunOptions { train, ..defaults }
+    RunOptions { train, ..defaults }
+}
+
+/// Reads the photographs and runs all stages.
+fn run_photographs(
+    scene: &Path,
+    reading: &PerspectiveOptions,
+    options: &RunOptions,
+    run: &Path,
+    progress: &dyn Progress,
+) -> Result<(), RunError> {
+    let scene = AnyScene::read_photographs(scene, reading)?;
+    satgs::run::run(scene, options, run, progress, &mut |_| {})
 }
 
 fn run(
@@ -81,7 +94,7 @@ fn run(
     iterations: u32,
     threads: usize,
     progress: &dyn Progress,
-) -> Result<f64, PipelineError> {
+) -> Result<f64, RunError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut psnr_db = 0.0;
     let mut completed = |result: StageResult| {
@@ -89,7 +102,8 @@ fn run(
             psnr_db = scores.mean.unwrap().psnr_db;
         }
     };
-    pool.install(|| run_perspective(scene, &options(iterations), run, progress, &mut completed))?;
+    let photographs = AnyScene::read_photographs(scene, &PerspectiveOptions::default())?;
+    pool.install(|| satgs::run::run(photographs, &options(iterations), run, progress, &mut completed))?;
     Ok(psnr_db)
 }
 
@@ -104,7 +118,10 @@ fn a_run_gives_the_same_bytes_for_any_number_of_threads_and_after_an_interruptio
     // Two threads until the interruption, then three.
     let stop = Recorder::cancelling(|e| matches!(e, Event::Advanced { done: 130, .. }));
     let interrupted = run(&scene, &path("two"), 240, 2, &stop).unwrap_err();
-    assert!(matches!(interrupted, PipelineError::TrainingInterrupted { .. }), "{interrupted}");
+    assert!(
+        matches!(interrupted, RunError::Pipeline(PipelineError::TrainingInterrupted { .. })),
+        "{interrupted}"
+    );
     assert!(path("two/train/checkpoint.bin").exists());
     run(&scene, &path("two"), 240, 3, &NoProgress).unwrap();
     assert!(splats("one") == splats("two"), "other threads or an interruption give different splats");
@@ -128,9 +145,8 @@ fn a_run_gives_the_same_bytes_for_any_number_of_threads_and_after_an_interruptio
     let other = train(&path("one"), &options(100).train, &NoProgress).unwrap_err().to_string();
     assert!(other.contains("--iterations was 240, is 100"), "{other}");
     let smaller = PerspectiveOptions { downsampling: 2, ..PerspectiveOptions::default() };
-    let smaller = PerspectiveRunOptions { scene: smaller, ..options(240) };
-    let refused =
-        run_perspective(&scene, &smaller, &path("one"), &NoProgress, &mut |_| {}).unwrap_err().to_string();
+    let refused = run_photographs(&scene, &smaller, &options(240), &path("one"), &NoProgress);
+    let refused = refused.unwrap_err().to_string();
     assert!(refused.contains("--downsampling was 1, is 2"), "{refused}");
     // The refused call has changed nothing: the run is scored with the images that it was trained on.
     render_and_refuse(&path("one"));
@@ -172,22 +188,19 @@ fn what_cannot_be_trained_is_refused_before_training() {
     let folder = tempfile::tempdir().unwrap();
     let scene = make_scene(folder.path());
     let out = folder.path().join("run");
-    let refused = |options: &PerspectiveRunOptions| {
-        run_perspective(&scene, options, &out, &NoProgress, &mut |_| {}).unwrap_err().to_string()
+    let usual = PerspectiveOptions::default();
+    let refused = |options: &RunOptions| {
+        run_photographs(&scene, &usual, options, &out, &NoProgress).unwrap_err().to_string()
     };
     let mut other = options(10);
     other.train.recipe = "baeogs".into();
     assert!(refused(&other).contains("recipe `baeogs` is for satellite scenes"));
     other.train.recipe = "4dgs".into();
     assert!(refused(&other).contains("4dgs"));
-    let missing = PerspectiveRunOptions {
-        scene: PerspectiveOptions {
-            test_views: satgs::perspective::TestViews::List(folder.path().join("no.txt")),
-            ..PerspectiveOptions::default()
-        },
-        ..options(10)
-    };
-    assert!(refused(&missing).contains("no.txt"));
+    let listed = satgs::perspective::TestViews::List(folder.path().join("no.txt"));
+    let missing = PerspectiveOptions { test_views: listed, ..usual.clone() };
+    let missing = run_photographs(&scene, &missing, &options(10), &out, &NoProgress).unwrap_err();
+    assert!(missing.to_string().contains("no.txt"));
     assert!(!out.join("scene.json").exists());
     std::fs::write(scene.join("images/4.png"), "no image").unwrap();
     let broken = refused(&options(10));
@@ -222,7 +235,7 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     with_depths.train.recipe = "indoor".into();
     with_depths.train.priors.depths = Some(PriorSource::Folder(depths.clone()));
     let told = Recorder::default();
-    run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
+    run_photographs(&scene, &PerspectiveOptions::default(), &with_depths, &run, &told).unwrap();
     let notes = format!("{:?}", told.events());
     assert!(notes.contains("are relative, as the points of the scene show"), "{notes}");
     assert!(notes.contains("depths of 7 views are aligned") && notes.contains("brought together"), "{notes}");
@@ -243,7 +256,13 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     assert!(changed.contains("--depth-prior has changed"), "{changed}");
     let mut without_terms = options(60);
     without_terms.train.priors.depths = Some(PriorSource::Folder(depths));
-    let refused = run_perspective(&scene, &without_terms, &folder.path().join("2"), &NoProgress, &mut |_| {});
+    let refused = run_photographs(
+        &scene,
+        &PerspectiveOptions::default(),
+        &without_terms,
+        &folder.path().join("2"),
+        &NoProgress,
+    );
     let refused = refused.unwrap_err().to_string();
     assert!(
         refused.contains("`--depth-prior` is") && refused.contains("indoor and geoprop use it"),
@@ -261,7 +280,7 @@ fn recipe_geoprop_starts_from_aligned_depths() {
     with_depths.train.recipe = "geoprop".into();
     with_depths.train.priors.depths = Some(PriorSource::Folder(depths));
     let told = Recorder::default();
-    run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
+    run_photographs(&scene, &PerspectiveOptions::default(), &with_depths, &run, &told).unwrap();
     let notes = format!("{:?}", told.events());
     assert!(notes.contains("depths of 7 views are aligned"), "{notes}");
     assert!(!notes.contains("brought together"), "{notes}");
@@ -280,11 +299,19 @@ fn recipe_geoprop_starts_from_aligned_depths() {
     // Any recipe may start so, and geoprop runs without priors, and says so.
     with_depths.train.recipe = "3dgs".into();
     with_depths.train.start = Some(StartPoints::Hdd);
-    run_perspective(&scene, &with_depths, &folder.path().join("2"), &NoProgress, &mut |_| {}).unwrap();
+    run_photographs(
+        &scene,
+        &PerspectiveOptions::default(),
+        &with_depths,
+        &folder.path().join("2"),
+        &NoProgress,
+    )
+    .unwrap();
     let mut without = options(20);
     without.train.recipe = "geoprop".into();
     let told = Recorder::default();
-    run_perspective(&scene, &without, &folder.path().join("3"), &told, &mut |_| {}).unwrap();
+    run_photographs(&scene, &PerspectiveOptions::default(), &without, &folder.path().join("3"), &told)
+        .unwrap();
     let notes = format!("{:?}", told.events());
     assert!(notes.contains("depths are interpolated between the points"), "{notes}");
     assert!(notes.contains("depths of 7 views are aligned"), "{notes}");

@@ -3,10 +3,11 @@
 use crate::common::scenes;
 use satgs::pipeline::{
     AdjustOptions, AlignOptions, DsmOptions, ErrorKind, EvaluateOptions, NvsOptions, Outcome, PipelineError,
-    RenderOptions, RunLock, RunOptions, StageResult, TrainOptions, TrainedCameras, adjust, align, dsm,
-    evaluate, nvs_eval, render, run, train,
+    RenderOptions, RunLock, TrainOptions, TrainedCameras, adjust, align, dsm, evaluate, nvs_eval, render,
+    train,
 };
 use satgs::progress::{Event, NoProgress, Recorder};
+use satgs::run::{RunOptions, StageResult, run};
 use satgs::run_files::{CAMERAS, CHECKPOINT, DSM, PAGE, SPLATS, TRAIN_STAGE};
 use satgs::scene::{self, ReadOptions, Scene};
 use std::path::{Path, PathBuf};
@@ -50,7 +51,7 @@ fn stages_give_the_same_bytes_after_an_interruption() {
     // All at once, uninterrupted.
     let options = RunOptions { train: training(), truth: Some(town.truth()), ..RunOptions::default() };
     let mut stages = Vec::new();
-    run(&town.scene, &options, &whole, &NoProgress, &mut |stage| stages.push(stage)).unwrap();
+    run(town.scene.clone().into(), &options, &whole, &NoProgress, &mut |stage| stages.push(stage)).unwrap();
     assert!(matches!(
         &stages[..],
         [

@@ -3,8 +3,9 @@
 
 use crate::common::{refused, succeeds};
 use satgs::io::ImageFile;
-use satgs::pipeline::{PipelineError, RunOptions, TrainOptions, run};
+use satgs::pipeline::{PipelineError, TrainOptions};
 use satgs::progress::{Event, Progress};
+use satgs::run::{RunError, RunOptions, run};
 use satgs::scene::{self, ReadOptions};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -53,8 +54,11 @@ fn the_surface_of_a_pair_is_complete_before_its_splats_are_trained() {
     let (out, progress) = (folder.path().join("run"), UntilTraining::default());
     let train = TrainOptions { iterations: Some(20), ..TrainOptions::default() };
     let options = RunOptions { train, ..RunOptions::default() };
-    let interrupted = run(&scene, &options, &out, &progress, &mut |_| {});
-    assert!(matches!(interrupted, Err(PipelineError::TrainingInterrupted { .. })), "{interrupted:?}");
+    let interrupted = run(scene.clone().into(), &options, &out, &progress, &mut |_| {});
+    assert!(
+        matches!(interrupted, Err(RunError::Pipeline(PipelineError::TrainingInterrupted { .. }))),
+        "{interrupted:?}"
+    );
     for product in ["dsm.tif", "ortho.tif", "confidence.tif", "dsm.qml"] {
         assert!(out.join(product).exists(), "{product}");
     }
@@ -64,7 +68,7 @@ fn the_surface_of_a_pair_is_complete_before_its_splats_are_trained() {
     assert!(first.iter().any(|z| !f32::from_bits(*z).is_nan()));
 
     // The same command goes on, and no height changes.
-    run(&scene, &options, &out, &satgs::progress::NoProgress, &mut |_| {}).unwrap();
+    run(scene.into(), &options, &out, &satgs::progress::NoProgress, &mut |_| {}).unwrap();
     assert_eq!(heights(&out), first);
     assert!(out.join("report.html").exists());
 }

@@ -13,4 +13,5 @@ mod train;
 
 pub(super) use render::render;
 pub(super) use scores::nvs_eval;
-pub(super) use train::{train_locked, train_scene};
+pub(super) use train::train_locked;
+pub(crate) use train::train_scene;

@@ -2,9 +2,9 @@
 
 use super::super::PipelineError;
 use super::super::nvs_scores::{NvsScores, SeenScores, ViewScore};
+use super::super::photographs::read_view;
 use super::super::run_folder::perspective_cameras::PerspectiveCameras;
 use super::super::run_folder::perspective_manifest::PerspectiveManifest;
-use super::super::run_folder::photographs::read_view;
 use super::start_pictures::read_unseen;
 use crate::io::{Grid2, write_json};
 use crate::nn::lpips::Lpips;

@@ -1,14 +1,12 @@
 //! Training of a perspective scene.
 
 use super::super::PipelineError;
+use super::super::photographs::{check_poses, read_views, require_own_images};
 use super::super::predict::{prediction_of, read_predicted};
-use super::super::run_folder::own_images::require_own_images;
 use super::super::run_folder::perspective_cameras::write_trained;
 use super::super::run_folder::perspective_fingerprint::perspective_fingerprint;
 use super::super::run_folder::perspective_manifest::PerspectiveManifest;
-use super::super::run_folder::photographs::read_views;
 use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
-use super::super::run_folder::tell_of_scene::check_poses;
 use super::super::train_options::TrainOptions;
 use super::super::trained::Trained;
 use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};

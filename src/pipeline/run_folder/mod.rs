@@ -3,13 +3,10 @@
 
 pub mod colors;
 pub mod lock;
-pub mod own_images;
 pub mod perspective_cameras;
 pub mod perspective_fingerprint;
 pub mod perspective_manifest;
-pub mod photographs;
 pub mod satellite_cameras;
 pub mod scene_fingerprint;
 pub mod stage;
-pub mod tell_of_scene;
 pub mod tiled;

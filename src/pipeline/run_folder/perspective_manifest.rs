@@ -104,6 +104,12 @@ impl PerspectiveManifest {
         Ok(write_json(&run.join(SCENE), self)?)
     }
 
+    /// An error if a folder holds the run of a satellite scene, which photographs would replace.
+    pub(crate) fn require_no_satellites(run: &Path) -> Result<(), PipelineError> {
+        let is_other = run.join(SCENE).exists() && !is_run(run);
+        if is_other { Err(PipelineError::OfSatellites { run: run.into() }) } else { Ok(()) }
+    }
+
     /// Reads the scene again.
     ///
     /// # Errors

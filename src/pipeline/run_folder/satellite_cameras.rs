@@ -3,7 +3,7 @@
 use super::super::PipelineError;
 use super::perspective_manifest::refuse;
 use super::tiled::require_one_area;
-use crate::affine::SiteScene;
+use crate::affine::{SiteScene, SiteView};
 use crate::io::{ImageFile, read_json, vsi};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
@@ -85,6 +85,18 @@ impl TrainedCameras {
             *f_dc = f_dc_from_color(sunlit(color_from_f_dc(*f_dc)).map(encode));
         }
         Ok(splats)
+    }
+
+    /// The view of this name.
+    ///
+    /// # Errors
+    /// [`PipelineError::NoView`], which lists the views.
+    pub fn find(&self, name: &str) -> Result<&SiteView, PipelineError> {
+        let views = &self.setup.views;
+        views.iter().find(|v| v.name == name).ok_or_else(|| {
+            let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+            PipelineError::NoView { name: name.into(), views: names.join(", ") }
+        })
     }
 
     /// The colour model of the view whose colours the orthophoto takes.

@@ -4,13 +4,11 @@ use super::input;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use satgs::io::ImageFile;
 use satgs::mesh::TriangleMesh;
-use satgs::perspective::PinholeCamera;
-use satgs::pipeline::{
-    MeshOptions, Outcome, PerspectiveRunOptions, RenderOptions, StageResult, TrainOptions, Viewpoint, mesh,
-    render, run_perspective,
-};
+use satgs::perspective::{PerspectiveOptions, PinholeCamera};
+use satgs::pipeline::{MeshOptions, Outcome, RenderOptions, TrainOptions, Viewpoint, mesh, render};
 use satgs::progress::NoProgress;
 use satgs::random::CounterRng;
+use satgs::run::{AnyScene, RunOptions, StageResult};
 use satgs::splat::pinhole::{NEAREST, PinholePicture};
 use satgs::splat::ply;
 use satgs::splat::recipe::{Densification, Recipe};
@@ -135,16 +133,17 @@ fn trained(scene: &Path, run: &Path, recipe: &str) -> (usize, f64) {
     });
     let recipe = Recipe { iterations: ITERATIONS, check_every: CHECK, densification, ..recipe };
     std::fs::write(&file, recipe.to_toml()).unwrap();
-    let defaults = PerspectiveRunOptions::default();
+    let defaults = RunOptions::of_photographs();
     let train = TrainOptions { recipe: file.display().to_string(), ..defaults.train };
-    let options = PerspectiveRunOptions { train, ..defaults };
+    let options = RunOptions { train, ..defaults };
     let (mut splats, mut psnr_db) = (0, f64::NAN);
     let mut completed = |result: StageResult| match result {
         StageResult::Trained(Outcome::Made(trained)) => splats = trained.splats,
         StageResult::Scored(scores) => psnr_db = scores.mean.unwrap().psnr_db,
         _ => {}
     };
-    run_perspective(scene, &options, run, &NoProgress, &mut completed).unwrap();
+    let photographs = AnyScene::read_photographs(scene, &PerspectiveOptions::default()).unwrap();
+    satgs::run::run(photographs, &options, run, &NoProgress, &mut completed).unwrap();
     (splats, psnr_db)
 }
 

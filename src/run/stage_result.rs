@@ -1,7 +1,8 @@
 //! The results of the stages of a run, as they become complete.
 
-use super::{Adjusted, DsmSummary, NvsScores, Outcome, Trained};
 use crate::metrics::Evaluation;
+use crate::pipeline::{Adjusted, DsmSummary, NvsScores, Outcome, Trained};
+use crate::tiles::{Mosaicked, Plan};
 use std::path::PathBuf;
 
 /// The result of one stage.
@@ -15,6 +16,10 @@ pub enum StageResult {
     Scored(NvsScores),
     /// The surface model is rendered.
     Dsm(Outcome<DsmSummary>),
+    /// The tiles of a large area are planned.
+    Planned(Outcome<Plan>),
+    /// The tiles are blended into one surface.
+    Mosaicked(Outcome<Mosaicked>),
     /// The surface model is scored.
     Evaluated(Box<Evaluation>),
     /// The report is written to this file.

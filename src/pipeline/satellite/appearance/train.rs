@@ -1,14 +1,14 @@
 //! The second training of a run, of colours for novel views.
 
-use super::super::run_folder::colors::hash_of_splats;
-use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
-use super::super::trained::TrainedColors;
-use super::super::training_stage::{TrainingSoFar, TrainingStage};
-use super::super::{PipelineError, TrainOptions, TrainedCameras};
 use crate::affine::{SiteScene, median_pixel_m};
 use crate::io::write_json;
 use crate::nn::features::{DenseFeatures, HandFeatures, OnnxFeatures};
 use crate::nn::lpips::Lpips;
+use crate::pipeline::run_folder::colors::hash_of_splats;
+use crate::pipeline::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
+use crate::pipeline::trained::TrainedColors;
+use crate::pipeline::training_stage::{TrainingSoFar, TrainingStage};
+use crate::pipeline::{PipelineError, TrainOptions, TrainedCameras};
 use crate::progress::{Event, Progress};
 use crate::run_files::{APPEARANCE, APPEARANCE_STAGE, CAMERAS, HEIGHT_SPLATS, SPLATS, STAGE, TRAIN_STAGE};
 use crate::scene::{Role, Scene, TransferFunction};

@@ -1,11 +1,11 @@
 //! Scores of novel views with trained colours, by three protocols.
 
-use super::super::nvs_scores::{NvsScores, Protocol, ViewScore};
-use super::super::run_folder::colors::SceneColors;
-use super::super::{PipelineError, TrainedCameras, report};
 use crate::affine::{SiteScene, SiteView, TrainingView};
 use crate::io::{Grid2, RgbImage, write_json};
 use crate::nn::lpips::Lpips;
+use crate::pipeline::nvs_scores::{NvsScores, Protocol, ViewScore};
+use crate::pipeline::run_folder::colors::SceneColors;
+use crate::pipeline::{PipelineError, TrainedCameras, report};
 use crate::progress::{Event, Progress};
 use crate::run_files::{NVS_PICTURES, NVS_SCORES};
 use crate::scene::{Scene, days_of};

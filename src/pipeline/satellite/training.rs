@@ -1,7 +1,7 @@
 //! One training of a run: what it reads, starts from and writes.
 
-use super::run_folder::stage::adjustment_fingerprint;
-use super::{PipelineError, TrainOptions, TrainedCameras, predict};
+use super::super::run_folder::stage::adjustment_fingerprint;
+use super::super::{PipelineError, TrainOptions, TrainedCameras, predict};
 use crate::affine::{SiteScene, TrainingView};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
@@ -26,7 +26,7 @@ use crate::splat::train::pictures;
 use std::path::Path;
 
 /// A training: what it is of, and how it is done.
-pub(super) struct Training<'a> {
+pub struct Training<'a> {
     run: &'a Path,
     options: &'a TrainOptions,
     pub recipe: Recipe,

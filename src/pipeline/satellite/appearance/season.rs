@@ -1,6 +1,6 @@
 //! Colours at a date: embeddings interpolated along the year (SatGS, figure 8).
 
-use super::super::run_folder::colors::SceneColors;
+use crate::pipeline::run_folder::colors::SceneColors;
 use crate::scene::days_of;
 
 /// Days of a year, on average.

@@ -1,0 +1,64 @@
+//! A scene of either kind.
+
+use super::RunError;
+use crate::perspective::{PerspectiveOptions, PerspectiveScene};
+use crate::pipeline::PipelineError;
+use crate::scene::{self, ReadOptions, Scene};
+use std::path::{Path, PathBuf};
+
+/// A scene of either kind.
+#[derive(Debug)]
+pub enum AnyScene {
+    /// Images with RPCs.
+    Satellites(Box<Scene>),
+    /// Images with pinhole cameras.
+    Photographs(Box<ReadPhotographs>),
+}
+
+/// A perspective scene, and how it was read: a run reads it again.
+#[derive(Debug)]
+pub struct ReadPhotographs {
+    /// Where it lies.
+    pub path: PathBuf,
+    /// How it was read.
+    pub options: PerspectiveOptions,
+    /// What was read.
+    pub scene: PerspectiveScene,
+}
+
+impl AnyScene {
+    /// Reads the scene at a path, with the options of its kind.
+    ///
+    /// # Errors
+    /// [`RunError::Pipeline`] of an image, a camera or an option that is wrong.
+    pub fn read(
+        path: &Path,
+        of_satellites: &ReadOptions,
+        of_photographs: &PerspectiveOptions,
+    ) -> Result<Self, RunError> {
+        if PerspectiveScene::is_one(path) {
+            return Self::read_photographs(path, of_photographs);
+        }
+        PerspectiveScene::require_satellite(path).map_err(PipelineError::from)?;
+        Ok(scene::read(path, of_satellites).map_err(PipelineError::from)?.into())
+    }
+
+    /// Reads the perspective scene at a path.
+    ///
+    /// # Errors
+    /// As [`AnyScene::read`].
+    pub fn read_photographs(path: &Path, options: &PerspectiveOptions) -> Result<Self, RunError> {
+        let scene = PerspectiveScene::read(path, options).map_err(PipelineError::from)?;
+        Ok(Self::Photographs(Box::new(ReadPhotographs {
+            path: path.into(),
+            options: options.clone(),
+            scene,
+        })))
+    }
+}
+
+impl From<Scene> for AnyScene {
+    fn from(scene: Scene) -> Self {
+        Self::Satellites(Box::new(scene))
+    }
+}
