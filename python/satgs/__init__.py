@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from satgs._calls import (
         adjust,
         align,
+        changes,
         compare,
         dsm,
         export,
@@ -66,6 +67,7 @@ _HOMES = {
     "satgs._calls": (
         "adjust",
         "align",
+        "changes",
         "compare",
         "dsm",
         "export",
@@ -134,6 +136,7 @@ __all__ = [
     "__version__",
     "adjust",
     "align",
+    "changes",
     "compare",
     "dsm",
     "events",

@@ -123,6 +123,26 @@ def compare(dsm: PathLike, truth: PathLike, **options: Unpack[o.CompareOptions])
     return _only(r.Evaluation, "compare", {"dsm": dsm, "truth": truth, **options})
 
 
+@calls("changes", o.ChangesOptions)
+def changes(earlier: PathLike, later: PathLike, output: PathLike, **options: Unpack[o.ChangesOptions]) -> r.Changes:
+    """Finds what changed between two runs or surface models: regions that rose or fell, with their volumes.
+
+    ``output`` gets ``difference.tif`` (difference and its standard deviation), ``difference.png``, ``changes.gpkg`` and
+    ``changes.json``.
+
+    Args:
+        earlier: The earlier run folder, or the raster of a surface model.
+        later: The later one.
+        output: Folder for what is found.
+        **options: See :class:`satgs.options.ChangesOptions`.
+
+    Raises:
+        InputError: A file cannot be read or has no ground in common with the other; an output exists.
+        FailedError: A file cannot be written.
+    """
+    return _only(r.Changes, "changes", {"earlier": earlier, "later": later, "output": output, **options})
+
+
 @calls("run", o.RunOptions)
 def run(scene: PathLike, run: PathLike, **options: Unpack[o.RunOptions]) -> r.RunResult:
     """Does everything: adjusts, trains, renders, scores if there is a truth, and writes ``RUN/report.html``.

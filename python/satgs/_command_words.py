@@ -27,7 +27,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 Figures = tuple[str, str | None, bool]
 """Name of a stage; its figures as JSON, none if their record has gone; whether it was complete before."""
 
-UNITS = ("_m", "_mb", "_px", "_percent")
+UNITS = ("_m", "_m2", "_mb", "_px", "_percent")
 """Endings that keyword arguments have and options have not."""
 
 RENAMED: dict[tuple[str, str], str] = {

@@ -254,6 +254,20 @@ class CompareOptions(TruthOptions, Reporting, total=False):
     overwrite: bool | None
 
 
+class ChangesOptions(Reporting, total=False):
+    """Keyword arguments of :func:`satgs.changes`.
+
+    Args:
+        least_height_m: Smallest difference of heights that counts, metres.
+        least_area_m2: Smallest area of a region, square metres.
+        overwrite: Replace files of an earlier comparison.
+    """
+
+    least_height_m: float | None
+    least_area_m2: float | None
+    overwrite: bool | None
+
+
 class TilingOptions(TypedDict, total=False):
     """How an area is cut into tiles.
 

@@ -141,6 +141,12 @@ class Compare(SatgsAlgorithm):
     layers = {"error.tif": "Errors of the surface model"}
 
 
+class Changes(SatgsAlgorithm):
+    command, title = "changes", "Find what changed"
+    main = {"earlier": FOLDER, "later": FOLDER, "output": RESULTS}
+    layers = {"difference.tif": "Later minus earlier height", "changes.gpkg": "Changes"}
+
+
 class Align(SatgsAlgorithm):
     command, title = "align", "Align to a reference"
     main = {"run": FOLDER, "to": FILE}
@@ -153,7 +159,7 @@ class Export(SatgsAlgorithm):
     main = {"run": FOLDER}
 
 
-ALGORITHMS = [Adjust, Reconstruct, Compare, Align, Export]
+ALGORITHMS = [Adjust, Reconstruct, Compare, Changes, Align, Export]
 
 
 class Progress:

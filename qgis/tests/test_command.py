@@ -146,7 +146,7 @@ def test_the_help_of_the_program_is_understood() -> None:
     program = str(ROOT / "target" / "debug" / "satgs")
     if not Path(program).exists():
         pytest.skip("satgs is not built")
-    names = {name: [a.name for a in command.help_of(program, name).arguments] for name in ["ba", "run", "dsm-eval", "align", "export"]}
+    names = {name: [a.name for a in command.help_of(program, name).arguments] for name in ["ba", "run", "dsm-eval", "changes", "align", "export"]}
     assert {"scene", "output", "gcps"} <= set(names["ba"])
     assert {"scene", "output", "truth", "dtm"} <= set(names["run"])
     assert {"dsm", "truth", "output"} <= set(names["dsm-eval"])

@@ -42,7 +42,7 @@ def called(home: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 def test_all_algorithms_are_listed_with_the_help_of_the_program(home: Path) -> None:
     listed = called(home, "list").stdout
-    for name in ["ba", "run", "dsm-eval", "align", "export"]:
+    for name in ["ba", "run", "dsm-eval", "changes", "align", "export"]:
         assert f"satgs:{name}" in listed, listed
     described = called(home, "help", "satgs:run").stdout
     assert "Also write the bare ground" in described, described

@@ -73,11 +73,13 @@ from satgs.results.simulation import (
 )
 from satgs.results.surface import (
     CellCounts,
+    Changes,
     DsmSummary,
     ErrorRanking,
     Evaluation,
     MapGrid,
     PartScores,
+    Region,
     RegisteredScores,
     Scores,
 )

@@ -197,3 +197,47 @@ class Evaluation:
     def after(self, method: Literal["z", "ncc", "xyz"]) -> RegisteredScores:
         """The scores after one registration."""
         return next(scores for scores in self.registered_scores if scores.method == method)
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region that changed between two surfaces.
+
+    Attributes:
+        area_m2: Area, square metres.
+        mean_m: Mean difference of heights, metres: positive where the surface rose.
+        largest_m: Difference of heights that is largest in size, metres.
+        volume_m3: Volume between the surfaces, cubic metres: positive where the surface rose.
+        volume_sigma_m3: Standard deviation of the volume, cubic metres, if the cells of the region err together.
+    """
+
+    area_m2: float
+    mean_m: float
+    largest_m: float
+    volume_m3: float
+    volume_sigma_m3: float
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Result of :func:`satgs.changes`.
+
+    Attributes:
+        grid: Grid of the earlier surface, on which the differences lie.
+        moved_m: Metres that the later surface was moved east, north and up.
+        is_determined: Whether the heights determine the horizontal shift.
+        cells: Number of cells of the earlier surface.
+        common_cells: Number of cells that both surfaces have.
+        notes: What was done to the heights, and what is not known of them.
+        sigma_m: Median of the standard deviations of the differences, metres.
+        regions: The regions that changed, the largest volume first.
+    """
+
+    grid: MapGrid
+    moved_m: tuple[float, float, float]
+    is_determined: bool
+    cells: int
+    common_cells: int
+    notes: tuple[str, ...]
+    sigma_m: float
+    regions: tuple[Region, ...]
