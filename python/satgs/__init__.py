@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         train,
         view,
     )
+    from satgs._mesh import Mesh, fuse_depths
     from satgs._pinhole import PinholeCamera
     from satgs._raster import Points, Raster
     from satgs._rpc import Rpc
@@ -94,6 +95,7 @@ _HOMES = {
         "train",
         "view",
     ),
+    "satgs._mesh": ("Mesh", "fuse_depths"),
     "satgs._pinhole": ("PinholeCamera",),
     "satgs._raster": ("Points", "Raster"),
     "satgs._rpc": ("Rpc",),
@@ -117,6 +119,7 @@ __all__ = [
     "Event",
     "FailedError",
     "InputError",
+    "Mesh",
     "Mosaicked",
     "PartialError",
     "Picture",
@@ -141,6 +144,7 @@ __all__ = [
     "dsm",
     "events",
     "export",
+    "fuse_depths",
     "info",
     "learn",
     "mesh",

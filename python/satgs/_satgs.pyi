@@ -14,6 +14,8 @@ __all__ = [
     "arguments",
     "call",
     "command",
+    "fuse_depths",
+    "read_mesh",
     "read_points",
     "read_raster",
     "read_scene",
@@ -21,6 +23,7 @@ __all__ = [
     "set_threads",
     "splat_table",
     "transform_splats",
+    "write_mesh",
     "write_splats",
 ]
 
@@ -102,4 +105,14 @@ def transform_splats(
     groups: _Groups, scale: float, rotation: list[list[float]], translation: list[float]
 ) -> dict[str, Any]: ...
 def render_splats(groups: _Groups, camera: _Camera, nearest: float) -> dict[str, Any]: ...
+def read_mesh(path: _Path) -> dict[str, Any]: ...
+def write_mesh(path: _Path, arrays: Mapping[str, NDArray[Any] | None], site: tuple[int, _Triple] | None) -> None: ...
+def fuse_depths(
+    maps: list[tuple[_Camera, NDArray[np.float32], NDArray[np.float32] | None]],
+    voxel: float,
+    truncation: float,
+    depth_max: float | None,
+    kept: tuple[int, int],
+    progress: _Progress,
+) -> dict[str, Any]: ...
 def read_scene(words: list[str], progress: _Progress) -> tuple[list[SceneView], dict[str, Any]]: ...

@@ -1,13 +1,14 @@
 //! `satgs._satgs`: what the Python package calls in the library. It holds no algorithm.
 //!
-//! `rpc` is the camera, `calls` the commands, `work` runs them beside Python, `files`, `splats` and `scene` give what they
-//! read and write as arrays, `error` turns failures into Python's exceptions. The public functions with their signatures and
+//! `rpc` is the camera, `calls` the commands, `work` runs them beside Python, `files`, `splats`, `mesh` and `scene` give what
+//! they read and write as arrays, `error` turns failures into Python's exceptions. The public functions with their signatures and
 //! documentation are in the Python files of the folder `satgs`.
 
 mod arrays;
 mod calls;
 mod error;
 mod files;
+mod mesh;
 mod rpc;
 mod scene;
 mod splats;
@@ -32,6 +33,9 @@ fn _satgs(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(splats::transform_splats, module)?,
         wrap_pyfunction!(splats::render_splats, module)?,
         wrap_pyfunction!(scene::read_scene, module)?,
+        wrap_pyfunction!(mesh::read_mesh, module)?,
+        wrap_pyfunction!(mesh::write_mesh, module)?,
+        wrap_pyfunction!(mesh::fuse_depths, module)?,
     ] {
         module.add_function(function)?;
     }

@@ -31,10 +31,10 @@ pub struct Groups<'py> {
 }
 
 /// EPSG code, and easting, northing and ellipsoidal height of the origin.
-type Site = (u32, [f64; 3]);
+pub type Site = (u32, [f64; 3]);
 
 /// Focal lengths, principal point, rotation from the frame of the splats to the camera, centre, columns and rows.
-type Camera = ([f64; 2], [f64; 2], [[f64; 3]; 3], [f64; 3], (usize, usize));
+pub type Camera = ([f64; 2], [f64; 2], [[f64; 3]; 3], [f64; 3], (usize, usize));
 
 /// Bytes before the table of a splat file, its rows, and the names of its columns.
 #[pyfunction]
@@ -48,7 +48,7 @@ pub fn splat_table(py: Python<'_>, path: PathBuf) -> PyResult<(usize, usize, Vec
 #[pyo3(signature = (path, groups, site))]
 pub fn write_splats(py: Python<'_>, path: PathBuf, groups: Groups<'_>, site: Option<Site>) -> PyResult<()> {
     let splats = groups.splats()?;
-    let site = site.map(|(epsg, [e, n, h])| SiteGrid { epsg, origin: Point::new(e, n, h) });
+    let site = site.map(site_grid);
     let written = py.detach(|| match site {
         Some(site) => ply::write(&path, &splats, &site),
         None => ply::write_local(&path, &splats),
@@ -88,20 +88,7 @@ pub fn render_splats<'py>(
     nearest: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
     let splats = groups.splats()?;
-    let (focal, principal, cam_from_site, center, size) = camera;
-    if size.0 == 0 || size.1 == 0 {
-        let text = format!("the camera has {} x {} pixels, expected 1 or more", size.0, size.1);
-        return Err(PyValueError::new_err(text));
-    }
-    let photo = TrainedPhoto {
-        name: String::new(),
-        role: Role::Train,
-        size,
-        focal,
-        principal,
-        cam_from_site,
-        center,
-    };
+    let photo = photo(camera)?;
     let picture = py.detach(|| PinholePicture::render(&splats, &photo.camera(), nearest));
     let dict = PyDict::new(py);
     dict.set_item("colors", arrays::picture(py, &picture.colors)?)?;
@@ -112,6 +99,22 @@ pub fn render_splats<'py>(
         dict.set_item("normals", arrays::picture(py, &discs.normals)?)?;
     }
     Ok(dict)
+}
+
+/// A frame on the map.
+pub fn site_grid((epsg, [east, north, height]): Site) -> SiteGrid {
+    SiteGrid { epsg, origin: Point::new(east, north, height) }
+}
+
+/// A photograph with this camera.
+pub fn photo(camera: Camera) -> PyResult<TrainedPhoto> {
+    let (focal, principal, cam_from_site, center, size) = camera;
+    if size.0 == 0 || size.1 == 0 {
+        let text = format!("the camera has {} x {} pixels, expected 1 or more", size.0, size.1);
+        return Err(PyValueError::new_err(text));
+    }
+    let name = String::new();
+    Ok(TrainedPhoto { name, role: Role::Train, size, focal, principal, cam_from_site, center })
 }
 
 impl Groups<'_> {

@@ -169,3 +169,33 @@ def test_a_million_splats_and_a_surface_model_open_in_50_ms(made: Made, tmp_path
     start = time.perf_counter()
     made[0].dsm
     print(f"splats {1e3 * min(seconds):.1f} ms, surface model {1e3 * (time.perf_counter() - start):.1f} ms")
+
+
+def test_depth_maps_of_a_ball_become_a_mesh_of_it(tmp_path: Path) -> None:
+    size, radius = (96, 72), 1.0
+    eyes = [(4.0 * math.cos(a), 4.0 * math.sin(a), h) for a in np.arange(8) * math.pi / 4 for h in (-2.0, 2.0)]
+    cameras = [satgs.PinholeCamera.looking_at(eye, (0.0, 0.0, 0.0), size=size, focal_px=90.0) for eye in eyes]
+    pixels = np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), axis=-1)
+
+    def depth(camera: satgs.PinholeCamera) -> np.ndarray:
+        center = np.asarray(camera.center)
+        along = camera.unproject(pixels, np.ones(pixels.shape[:2])) - center
+        a, b, c = (along**2).sum(-1), along @ center, center @ center - radius**2
+        inside = b**2 - a * c
+        return np.where(inside > 0.0, (-b - np.sqrt(np.maximum(inside, 0.0))) / a, 0.0)
+
+    depths = [depth(camera) for camera in cameras]
+    colors = [np.broadcast_to([1.0, 0.0, 0.0], (*d.shape, 3)) for d in depths]
+    mesh = satgs.fuse_depths(cameras, depths, voxel=0.05, colors=colors)
+    assert mesh.triangles.shape[0] > 2000 and mesh.triangles.max() < len(mesh.vertices)
+    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - radius).mean() < 0.01
+    assert mesh.colors is not None and np.median(mesh.colors, axis=0).tolist() == [255, 0, 0]
+    mesh.write(tmp_path / "ball.ply")
+    again = satgs.Mesh.read(tmp_path / "ball.ply")
+    assert np.array_equal(again.triangles, mesh.triangles) and np.allclose(again.vertices, mesh.vertices, atol=1e-5)
+    with pytest.raises(ValueError, match="16 cameras, 15 depth maps"):
+        satgs.fuse_depths(cameras, depths[:15], voxel=0.05)
+    with pytest.raises(satgs.InputError, match="10 x 10"):
+        satgs.fuse_depths(cameras[:1], [np.ones((10, 10))], voxel=0.05)
+    with pytest.raises(ValueError, match="names the vertices"):
+        satgs.Mesh(mesh.vertices[:3], mesh.triangles).write(tmp_path / "no.ply")

@@ -76,6 +76,7 @@ impl NvsScores {
             psnr_db: mean(&|s| s.psnr_db),
             ssim: mean(&|s| s.ssim),
             ssim_3px: mean(&|s| s.ssim_3px),
+            ssim_sat_nerf: mean(&|s| s.ssim_sat_nerf),
             lpips: has_lpips.then(|| mean(&|s| s.lpips.unwrap_or(f64::NAN))),
             pixels: views.iter().map(|v| v.score.pixels).sum(),
         };

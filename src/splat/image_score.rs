@@ -18,6 +18,9 @@ pub struct PictureScore {
     pub ssim: f64,
     /// The same with a window of 3 x 3 pixels, as publications on satellite images have it.
     pub ssim_3px: f64,
+    /// The value that the program of Sat-NeRF prints as SSIM: `ssim_3px` of the colours one after the other, row by row and pixel
+    /// by pixel, taken for three planes. It mixes pixels and colours, and compares with publications that used that program alone.
+    pub ssim_sat_nerf: f64,
     /// Perceptual distance (LPIPS), if a network was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lpips: Option<f64>,
@@ -122,6 +125,7 @@ impl ScoredPair {
             psnr_db: -10.0 * (squares / (3.0 * pixels)).log10(),
             ssim: of_data(similarity.ssim),
             ssim_3px: of_data(ssim_3px(&self.picture, &self.image)),
+            ssim_sat_nerf: of_data(ssim_3px(&rows_as_planes(&self.picture), &rows_as_planes(&self.image))),
             lpips: None,
             pixels: self.pixels,
         })
@@ -155,6 +159,20 @@ fn ssim_3px(picture: &Image<f32>, image: &Image<f32>) -> f64 {
         sum += (2.0 * x * y + C1) * (2.0 * covariance + C2) / ((x * x + y * y + C1) * (of_x + of_y + C2));
     }
     sum / (3 * width * height) as f64
+}
+
+/// The image that has the colours of one of three planes in the order of its pixels, each with its red, green and blue, where it
+/// should have the planes: Sat-NeRF's program (arXiv 2203.08896) views an array of (H W, 3) values as (1, 3, H, W).
+fn rows_as_planes(image: &Image<f32>) -> Image<f32> {
+    let (width, height) = (image.width, image.height);
+    let mut out = Image::zeros(width, height, 3);
+    let pixels = (0..height).flat_map(|row| (0..width).map(move |col| (col, row)));
+    let values = pixels.flat_map(|(col, row)| (0..3).map(move |k| image.at(k, col, row)));
+    for (place, value) in values.enumerate() {
+        let (k, rest) = (place / (width * height), place % (width * height));
+        *out.at_mut(k, rest % width, rest / width) = value;
+    }
+    out
 }
 
 /// The right half of a picture (red, green, blue) and of an image of the same size, after an affine map of colours that is
@@ -244,6 +262,16 @@ mod tests {
         let score = fitted_pair(&picture, &noisy).and_then(|p| p.score()).unwrap();
         assert!((score.psnr_db - 26.02).abs() < 0.1 && score.ssim < 0.97, "{score:?}");
         assert!(score.ssim_3px < 0.97, "{score:?}");
+    }
+
+    #[test]
+    fn the_score_of_sat_nerf_is_that_of_pixels_taken_for_planes() {
+        let image = target(|c, r, k| (10_000 * k + 100 * r + c) as f32).colors;
+        let mixed = rows_as_planes(&image);
+        // 4,800 pixels of three colours: the second plane begins with pixel 1,600, the 20 rows and 0 columns below the first.
+        assert_eq!([0, 1, 2, 3].map(|c| mixed.at(0, c, 0)), [0.0, 10_000.0, 20_000.0, 1.0]);
+        assert_eq!([0, 1].map(|c| mixed.at(1, c, 0)), [2000.0, 12_000.0]);
+        assert_eq!(mixed.at(2, 79, 59), 25_979.0);
     }
 
     #[test]

@@ -30,6 +30,8 @@ class PictureScore:
         psnr_db: Peak signal-to-noise ratio, dB, of colours from 0 to 1.
         ssim: Structural similarity, window of 11 x 11 pixels.
         ssim_3px: The same with a window of 3 x 3 pixels.
+        ssim_sat_nerf: What the program of Sat-NeRF prints as SSIM, which mixes pixels and colours: for comparisons with
+            publications that used it.
         pixels: Number of scored pixels.
         lpips: Perceptual distance, if a network was given.
     """
@@ -37,6 +39,7 @@ class PictureScore:
     psnr_db: float
     ssim: float
     ssim_3px: float
+    ssim_sat_nerf: float
     pixels: int
     lpips: float | None = None
 
