@@ -20,6 +20,7 @@ mod bundle_real;
 mod bundle_simulated;
 mod bytes;
 mod camera_choice;
+mod changes;
 mod circles;
 mod display_gamma;
 mod error_kinds;
