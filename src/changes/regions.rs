@@ -2,16 +2,17 @@
 
 use super::outline::outline;
 use crate::io::{Grid2, MapGrid, box_openings};
+use crate::stats::quantile;
 use serde::Serialize;
 
 /// Radius of the squares that a region must hold, metres: edges of roofs that two surfaces have a pixel apart are narrower.
 const OPENING_M: f64 = 1.0;
 /// A cell changed if its difference is so many standard deviations.
 const CELL_SIGMAS: f32 = 2.0;
-/// A region changed if its mean difference is so many standard deviations of its cells, which err together. The limit is high because
-/// errors beside trees and walls have long tails: of a simulated town houses that were built or torn down have 17 to 26, and what
-/// only looks different between trees has 6 and 8.
-const REGION_SIGMAS: f64 = 12.0;
+/// A region changed if its mean difference is so many times the median of the standard deviations of its cells, which err together.
+/// The limit is high because errors beside trees and walls have long tails: in a simulated town houses that were built or torn down
+/// have 27 to 81, and what only looks different between trees has 8.
+const REGION_SIGMAS: f64 = 15.0;
 
 /// What counts as a change.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,9 +69,10 @@ pub(super) fn regions(
         let data = difference.data.iter().zip(&sigma.data).map(changed).collect();
         let wide = box_openings(&Grid2 { data, ..*difference }, radius);
         for cells in connected(&wide) {
+            let sigmas = cells.iter().map(|cell| f64::from(sigma.data[*cell])).filter(|s| !s.is_nan());
+            let usual_sigma_m = quantile(sigmas.collect(), 0.5).unwrap_or(f64::INFINITY);
             let region = region(difference, sigma, cells, (grid, cell_m));
-            let mean_sigma_m = region.volume_sigma_m3 / region.area_m2;
-            let is_sure = region.mean_m.abs() >= REGION_SIGMAS * mean_sigma_m;
+            let is_sure = region.mean_m.abs() >= REGION_SIGMAS * usual_sigma_m;
             if region.area_m2 >= rule.least_area_m2 && is_sure {
                 out.push(region);
             }
