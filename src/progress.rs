@@ -58,6 +58,7 @@ pub trait Progress: Sync {
 /// The work was asked to stop by its [`Progress`], and stopped before it was complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error, miette::Diagnostic)]
 #[error("interrupted")]
+#[diagnostic(help("what is done is kept: the same command continues"))]
 pub struct Interrupted;
 
 /// Drops every event and never asks to stop.

@@ -14,6 +14,8 @@ pub const CAMERAS: &str = "cameras.json";
 pub const TRAIN_STAGE: &str = "train";
 /// What an interrupted training goes on from, in the folder of a training.
 pub const CHECKPOINT: &str = "checkpoint.bin";
+/// Folder of what matching has found so far, in the folder of a stage that is not complete.
+pub const MATCHING: &str = "matching";
 /// A line an iteration of training, in such a folder.
 pub const TRAINING_LOG: &str = "train.csv";
 /// Curves of the log, in such a folder.

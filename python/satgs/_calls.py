@@ -537,5 +537,5 @@ def _page(figures: Figures) -> Path:
 def _recorded(figures: Figures) -> str:
     if figures[1] is None:
         message = "the stage is complete, but `summary.json` with its figures is missing in the run folder"
-        raise FailedError(message, "overwrite=True makes it anew")
+        raise FailedError(message, "overwrite=True makes it again")
     return figures[1]

@@ -144,7 +144,7 @@ def test_an_exception_in_the_callback_stops_the_work_and_is_raised(run: Path) ->
             notes.append(event.text)
 
     assert satgs.train(run, iterations=100, progress=listen).iterations == 100
-    assert any("going on from" in note for note in notes), notes
+    assert any("continuing from" in note for note in notes), notes
 
 
 def test_other_threads_run_while_satgs_works(run: Path) -> None:

@@ -291,7 +291,7 @@ def test_the_command_interrupted_keeps_what_is_done_and_goes_on(run: Path, satgs
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130, out + err
-    assert "the same command goes on" in err
+    assert "the same command continues" in err
     assert_no_process_is_left(run)
     plan = read_plan(run)
     assert [name for name, tile in plan.items() if is_done(run, tile)] == ["x001_y000", "x001_y001"]

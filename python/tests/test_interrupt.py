@@ -58,4 +58,4 @@ def test_the_command_of_the_package_works_and_handles_interrupts(run: Path) -> N
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=120)
-    assert process.returncode == 130 and "interrupted: writing a checkpoint" in said, said
+    assert process.returncode == 130 and "interrupted: keeping what is done" in said, said

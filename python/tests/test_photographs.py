@@ -135,7 +135,7 @@ def test_an_interrupted_training_of_photographs_goes_on(room: Path, tmp_path: Pa
 
     with pytest.raises(Stop):
         satgs.run(room, run, iterations=40, progress=listen)
-    assert any("going on from" in note for note in notes), notes
+    assert any("continuing from" in note for note in notes), notes
 
 
 def test_progress_bars_of_tqdm(room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

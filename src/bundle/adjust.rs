@@ -6,7 +6,8 @@ use super::options::BundleOptions;
 use super::output::Adjustment;
 use super::stages::{Extent, find_keypoints, match_and_adjust};
 use super::whole_scene::adjust_by_cells;
-use crate::progress::Progress;
+use crate::progress::{Event, Progress};
+use crate::run_files::MATCHING;
 use crate::scene::Scene;
 
 /// Largest side of a cell, metres.
@@ -47,8 +48,11 @@ pub fn adjust(
     if grid.is_cut || (is_large && !grid.cells.is_empty()) {
         return adjust_by_cells(scene, &grid, heights, options, progress);
     }
-    let keypoints = find_keypoints(scene, Extent::Scene, progress)?;
+    let store = options.store.as_ref().map(|store| store.within(MATCHING));
+    progress.event(Event::Resumable(store.is_some()));
+    let keypoints = find_keypoints(scene, Extent::Scene, store.as_ref(), progress)?;
     let (adjuster, estimate) =
         match_and_adjust(scene, &keypoints, heights, options, Extent::Scene, progress)?;
+    progress.event(Event::Resumable(false));
     adjuster.result(&estimate, options)
 }

@@ -40,7 +40,7 @@ pub(super) fn tracks_of_cell(
         let part = grid.crop(scene, cell, heights)?;
         part.require_views(2)?;
         let options = BundleOptions { fixed, ..BundleOptions::default() };
-        let keypoints = find_keypoints(&part, Extent::Cell, progress)?;
+        let keypoints = find_keypoints(&part, Extent::Cell, None, progress)?;
         let (adjuster, estimate) =
             match_and_adjust(&part, &keypoints, heights, &options, Extent::Cell, progress)?;
         Ok(chosen(scene, grid, cell, &adjuster, &estimate))

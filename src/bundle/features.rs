@@ -9,6 +9,7 @@ use crate::frame::{CenterPx, Pixel};
 use crate::io::{Grid2, Window};
 use multiversion::multiversion;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::ops::Range;
 
@@ -37,15 +38,17 @@ const DIRECTIONS: usize = 36;
 const SECOND_PEAK: f32 = 0.8;
 
 /// A keypoint with its descriptor.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Keypoint {
     /// Position, with fractions of a pixel.
+    #[serde(with = "super::stored_keypoint::px")]
     pub px: Pixel<CenterPx>,
     /// Scale: standard deviation of the Gaussian at which it was detected, pixels.
     pub scale: f32,
     /// Gray value at the position, 0 to 255.
     pub gray: u8,
     /// Descriptor: non-negative values whose squares sum to 1.
+    #[serde(with = "super::stored_keypoint::descriptor")]
     pub descriptor: [f32; VALUES],
 }
 

@@ -10,6 +10,7 @@ use crate::frame::{Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
 use multiversion::multiversion;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Side of the cells of the search grid, pixels.
 const CELL_PX: f64 = 24.0;
@@ -43,7 +44,7 @@ pub struct MatchView<'a> {
 }
 
 /// A pair of matching keypoints, by index.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Match {
     /// Keypoint of the first view.
     pub a: u32,

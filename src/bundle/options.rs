@@ -3,7 +3,7 @@
 use super::control::ControlPoint;
 use super::correction::CorrectionModel;
 use super::height_prior::HeightPrior;
-use std::path::PathBuf;
+use crate::checkpoint::PartStore;
 
 /// Options of an adjustment.
 #[derive(Clone, Debug, Default)]
@@ -23,15 +23,7 @@ pub struct BundleOptions {
     pub height_prior: Option<HeightPrior>,
     /// Largest side of the cells of ground by which a large scene is matched, metres; by default 1,000.
     pub cell_m: Option<f64>,
-    /// Where the tie points of each cell are stored, so that an interrupted adjustment need not find them again.
-    pub cell_store: Option<CellStore>,
-}
-
-/// A folder of the tie points of cells.
-#[derive(Clone, Debug)]
-pub struct CellStore {
-    /// The folder, which need not exist.
-    pub folder: PathBuf,
-    /// A hash of the scene's images and metadata: tie points with another hash are found again.
-    pub scene_hash: String,
+    /// Where keypoints, matches and the tie points of cells are stored, so that an interrupted adjustment need not find them again:
+    /// those of cells in `cells`, the others in [`MATCHING`](crate::run_files::MATCHING). It depends on the scene's images and metadata.
+    pub store: Option<PartStore>,
 }

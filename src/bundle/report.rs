@@ -204,7 +204,7 @@ impl Report {
         let open = match self.rank_defect {
             0 => String::new(),
             1 => "; 1 combination of corrections is open without it".into(),
-            open => format!("; {open} combinations of corrections are open without it"),
+            open => format!("; tie points alone leave {open} combinations of corrections free"),
         };
         let _ = writeln!(out, "datum: {}{open}", self.gauge);
         if !self.control.is_empty() {

@@ -12,9 +12,10 @@ use super::problem::{Observation, Track};
 use super::report::LeftOut;
 use super::tracks::{self, TrackElement};
 use super::view_pairs::with_similar_suns;
-use crate::io::RasterError;
-use crate::progress::{Event, Interrupted, Progress};
+use crate::checkpoint::PartStore;
+use crate::progress::{Event, Progress};
 use crate::rpc::Rpc;
+use crate::run_files::MATCHING;
 use crate::scene::{Scene, View};
 use rayon::prelude::*;
 
@@ -44,10 +45,11 @@ pub(super) enum Extent {
     Cell,
 }
 
-/// Keypoints of every view.
+/// Keypoints of every view, and where they are stored.
 pub(super) fn find_keypoints(
     scene: &Scene,
     extent: Extent,
+    store: Option<&PartStore>,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Keypoint>>, BundleError> {
     progress.event(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
@@ -55,7 +57,7 @@ pub(super) fn find_keypoints(
     // The scale space takes thirty times the memory of the image, so that only a few views are held at a time.
     let largest = scene.views.iter().map(|v| v.width * v.height).max().unwrap_or(1);
     let at_once = (PIXELS_AT_ONCE / largest).clamp(1, rayon::current_num_threads());
-    let keypoints = |view: &View| {
+    let keypoints = |view: &View| -> Result<Vec<Keypoint>, BundleError> {
         let image = view.gray_image()?;
         let mut found = detect((view.width, view.height), |window| image.read_without_specks(window))?;
         if extent == Extent::Cell && found.len() > CELL_KEYPOINTS {
@@ -66,11 +68,19 @@ pub(super) fn find_keypoints(
     };
     for some in scene.views.chunks(at_once) {
         progress.check()?;
-        let of_some: Result<Vec<_>, RasterError> = some.par_iter().map(keypoints).collect();
+        let first = found.len();
+        let of_view = |(k, view): (usize, &View)| -> Result<Vec<Keypoint>, BundleError> {
+            let name = format!("keypoints_{:03}", first + k);
+            PartStore::part(store, &name, &view.name, || keypoints(view))
+        };
+        let of_some: Result<Vec<_>, BundleError> = some.par_iter().enumerate().map(of_view).collect();
         found.extend(of_some?);
         progress.event(Event::Advanced { done: found.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);
+    if let Some(store) = store {
+        store.tell(progress);
+    }
     Ok(found)
 }
 
@@ -118,15 +128,17 @@ impl<'a> Adjuster<'a> {
     ) -> Result<Outcome, BundleError> {
         let leaves_out = !options.fixed;
         self.set_datum(scene, options)?;
+        let store = options.store.as_ref().map(|store| store.within(MATCHING));
+        let store = store.as_ref();
         let mut estimate = Estimate::start(self.views.len());
         let of_like_suns = with_similar_suns(&self.views, &self.pairs);
         let all = std::mem::replace(&mut self.pairs, of_like_suns);
-        let mut first = self.round(&mut estimate, WIDE_TOLERANCE_PX)?;
+        let mut first = self.round(&mut estimate, WIDE_TOLERANCE_PX, store)?;
         // Without the pairs with dissimilar suns the views may not be connected.
         if matches!(first, Round::NotConnected(_) | Round::NoTracks) && self.pairs.len() < all.len() {
             self.pairs = all;
             estimate = Estimate::start(self.views.len());
-            first = self.round(&mut estimate, WIDE_TOLERANCE_PX)?;
+            first = self.round(&mut estimate, WIDE_TOLERANCE_PX, store)?;
         }
         match first {
             Round::Contradicted((view, reason)) if !leaves_out => {
@@ -136,7 +148,7 @@ impl<'a> Adjuster<'a> {
             failed => return self.rejected(failed, extent, leaves_out),
         }
         self.narrow_heights(&estimate);
-        match self.round(&mut estimate, NARROW_TOLERANCE_PX)? {
+        match self.round(&mut estimate, NARROW_TOLERANCE_PX, store)? {
             Round::Contradicted(_) if !leaves_out => {}
             Round::Adjusted => {}
             failed => return self.rejected(failed, extent, leaves_out),
@@ -165,9 +177,14 @@ impl<'a> Adjuster<'a> {
 
     /// One round: matches keypoints within `epipolar_tolerance_px` of the epipolar segments, builds tracks, adjusts the
     /// views' shifts and rejects outliers.
-    fn round(&self, estimate: &mut Estimate, epipolar_tolerance_px: f64) -> Result<Round, BundleError> {
+    fn round(
+        &self,
+        estimate: &mut Estimate,
+        epipolar_tolerance_px: f64,
+        store: Option<&PartStore>,
+    ) -> Result<Round, BundleError> {
         let cameras = self.corrected(&estimate.corrections)?;
-        let found = self.match_pairs(&cameras, epipolar_tolerance_px)?;
+        let found = self.match_pairs(&cameras, epipolar_tolerance_px, store)?;
         let counts: Vec<usize> = self.views.iter().map(|v| v.keypoints.len()).collect();
         let tracks = tracks::build(&counts, &found);
         let groups = tracks::components(
@@ -209,7 +226,12 @@ impl<'a> Adjuster<'a> {
         Track { observations: track.iter().map(measure).collect(), gray, ..Track::default() }
     }
 
-    fn match_pairs(&self, cameras: &[Rpc], epipolar_tolerance_px: f64) -> Result<PairMatches, Interrupted> {
+    fn match_pairs(
+        &self,
+        cameras: &[Rpc],
+        epipolar_tolerance_px: f64,
+        store: Option<&PartStore>,
+    ) -> Result<PairMatches, BundleError> {
         let prepared: Vec<MatchView> = self
             .views
             .iter()
@@ -228,7 +250,18 @@ impl<'a> Adjuster<'a> {
         let mut found = Vec::with_capacity(self.pairs.len());
         for (done, &(i, j)) in self.pairs.iter().enumerate() {
             self.progress.check()?;
-            found.push(((i, j), matches(&prepared[i], &prepared[j], epipolar_tolerance_px)));
+            let names = [i, j].map(|v| self.views[v].view.name.as_str());
+            let made_from = format!(
+                "{:?}",
+                (names, [&cameras[i], &cameras[j]], self.network.heights, epipolar_tolerance_px)
+            );
+            // Named by a hash: a view has other places among those of other attempts.
+            let round = if epipolar_tolerance_px > NARROW_TOLERANCE_PX { "wide" } else { "narrow" };
+            let name = format!("{round}_{}", &blake3::hash(names.join("\n").as_bytes()).to_hex()[..16]);
+            let of_pair = PartStore::part(store, &name, &made_from, || {
+                Ok::<_, BundleError>(matches(&prepared[i], &prepared[j], epipolar_tolerance_px))
+            })?;
+            found.push(((i, j), of_pair));
             self.progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
         }
         self.progress.event(Event::Finished);

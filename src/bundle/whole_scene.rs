@@ -3,7 +3,7 @@
 use super::adjuster::{Adjuster, Outcome, attempt, has_majority, warn_left_out};
 use super::cell::{most_tracks, tracks_of_cell};
 use super::cell_grid::{CellGrid, GroundCell};
-use super::cell_tracks::{CellFile, CellResult, CellTrack};
+use super::cell_tracks::{CellResult, CellTrack};
 use super::duplicates::merge_duplicates;
 use super::error::{BundleError, height_hint};
 use super::network::{Estimate, LOSS_SCALES_PX};
@@ -13,12 +13,16 @@ use super::problem::{Observation, Track};
 use super::report::{CellReport, LeftOut};
 use super::tie_point_refinement::MIN_PATCH_LIMIT_PX;
 use super::tracks;
+use crate::checkpoint::PartStore;
 use crate::frame::Pixel;
 use crate::progress::{Event, Progress};
 use crate::scene::Scene;
 
 /// A cell with a larger root mean square reprojection error is named in a warning, pixels.
 const WARN_RMS_PX: f64 = 0.5;
+
+/// Folder of the tie points of cells.
+const CELLS: &str = "cells";
 
 /// Number of cells that a message lists.
 const LISTED: usize = 5;
@@ -94,33 +98,26 @@ fn results_of_cells(
     options: &BundleOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<CellResult>, BundleError> {
-    progress.event(Event::Resumable(options.cell_store.is_some()));
+    let store = options.store.as_ref().map(|store| store.within(CELLS));
+    progress.event(Event::Resumable(store.is_some()));
     progress.event(Event::Started { stage: "matching cells", total: grid.cells.len() as u64 });
     let mut results = Vec::with_capacity(grid.cells.len());
     for (done, cell) in grid.cells.iter().enumerate() {
         progress.check()?;
-        let file = options.cell_store.as_ref().map(|store| {
-            let most = most_tracks(grid.cells.len());
-            let made_from = (&store.scene_hash, &cell.bounds, heights, options.fixed, most);
-            CellFile::new(&store.folder, &cell.id, &format!("{made_from:?}"))
-        });
-        let stored = file.as_ref().and_then(CellFile::read);
-        let result = match stored {
-            Some(result) => result,
-            None => {
-                let of_cell = CellProgress { of_scene: progress, done: done as u64, cell };
-                let result = tracks_of_cell(scene, grid, cell, heights, options.fixed, &of_cell)?;
-                if let Some(file) = &file {
-                    file.write(&result)?;
-                }
-                result
-            }
-        };
+        let made_from =
+            format!("{:?}", (&cell.bounds, heights, options.fixed, most_tracks(grid.cells.len())));
+        let of_cell = CellProgress { of_scene: progress, done: done as u64, cell };
+        let result = PartStore::part(store.as_ref(), &cell.id, &made_from, || {
+            tracks_of_cell(scene, grid, cell, heights, options.fixed, &of_cell)
+        })?;
         results.push(result);
         progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
     }
     progress.event(Event::Finished);
     progress.check()?;
+    if let Some(store) = &store {
+        store.tell(progress);
+    }
     progress.event(Event::Resumable(false));
     Ok(results)
 }

@@ -7,12 +7,12 @@ use std::path::PathBuf;
 
 /// Align a run to a reference: one shift east, north and up of its cameras, points, splats and rasters
 ///
-/// The shift is estimated from RUN/dsm.tif, or from the sparse points of a run without one, with its standard deviations.
-/// Directions in which the reference does not determine it, as a smooth one does not, are not moved. It is applied to RUN/ba
-/// (corrected RPCs, points, tie points), cameras.json, the splats, the surfaces in RUN/train, dsm.tif, ortho.tif,
-/// confidence.tif and hillshade.tif: to all of them or, if the command fails, to none. RUN/align.json records the shift.
-/// Point clouds, meshes and scores in RUN show the place before and are removed, which is said; rendered images and files elsewhere
-/// are not changed. `satgs dsm RUN` renders the surface again on a grid aligned to multiples of the cell size.
+/// The shift and its standard deviations are estimated from RUN/dsm.tif, or from the sparse points if there is no dsm.tif.
+/// The run is not moved in directions that the reference does not determine, such as along smooth ground. The shift is applied
+/// to RUN/ba (corrected RPCs, points, tie points), cameras.json, the splats, the surfaces in RUN/train, dsm.tif, ortho.tif,
+/// confidence.tif and hillshade.tif: to all of them or, if the command fails, to none. RUN/align.json records it.
+/// Point clouds, meshes and scores in RUN show the old position and are removed, with a message; rendered images and files
+/// elsewhere are not changed. `satgs dsm RUN` renders the surface again on a grid aligned to multiples of the cell size.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs ba`, or of later stages

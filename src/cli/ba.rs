@@ -35,7 +35,7 @@ pub struct Args {
     height_range: Option<(f64, f64)>,
     /// Elevation model that gives the heights to search
     ///
-    /// They reach from 20 m below its lowest to 80 m above its highest height.
+    /// From 20 m below its lowest to 80 m above its highest height.
     #[arg(long, value_name = "FILE", conflicts_with = "height_range", help_heading = "Matching")]
     dem: Option<PathBuf>,
     /// Vertical reference of the elevation model: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
@@ -50,8 +50,8 @@ pub struct Args {
     dem_vertical: Option<String>,
     /// Standard deviation in metres with which the elevation model constrains the height of the scene
     ///
-    /// SRTM has 10 m, Copernicus 5 m. Points far above the model, such as roofs, get little weight [default: the height follows the
-    /// delivered RPCs].
+    /// Use 10 for SRTM, 5 for Copernicus. Points far above the model, such as roofs, get little weight [default: the height follows
+    /// the delivered RPCs].
     #[arg(
         long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_metres, help_heading = "Cameras",
         hide_short_help = true
@@ -83,9 +83,9 @@ pub struct Args {
     /// Keep all RPCs as they are: compute tracks and points, and report how well the RPCs agree
     #[arg(long, help_heading = "Cameras", hide_short_help = true)]
     fixed: bool,
-    /// Compute again, also what was made with other options
+    /// Make again, and replace what was made with other options
     ///
-    /// Without it results of the same input and options are kept, and those of others are an error.
+    /// By default results of the same input and options are kept, and others are an error.
     #[arg(long)]
     overwrite: bool,
 }

@@ -10,12 +10,13 @@ use std::path::{Path, PathBuf};
 ///
 /// All are Cloud-Optimized GeoTIFFs on the UTM grid. dsm.tif holds heights in metres (float32, nodata NaN); with recipe
 /// `best` the surface of the splats is refined by matching the images once more, with `baeogs` and `eogs` a height is the
-/// mean altitude of the splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view (the training view nearest to
-/// nadir with a high sun) without
-/// shadows. confidence.tif has four bands: opacity of the splats, standard deviation of their altitudes (m), number
-/// of views that see the cell: two or more confirm its height, otherwise it is filled in from the cells around it (--no-fill
-/// leaves such cells as nodata), and the error to expect of the height (m). Cells that fewer than two images cover are nodata.
-/// Points, mesh, hillshade and ground of a surface that is replaced are written again, its scores in RUN/eval are removed.
+/// mean altitude of the splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view (the training
+/// view nearest to nadir with a high sun) without shadows. confidence.tif has four bands: opacity of the splats, standard
+/// deviation of their altitudes (m), number of views that see the cell, expected error of the height (m). Two views or more
+/// confirm a height; otherwise it is filled in from the cells around it (--no-fill leaves such cells as nodata). Cells that
+/// fewer than two images cover are nodata.
+///
+/// If a surface is replaced, its points, mesh, hillshade and ground are written again, and its scores in RUN/eval are removed.
 /// dsm.qml is a QGIS style for dsm.tif, hillshade.png a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -23,7 +24,7 @@ pub struct Args {
     run: PathBuf,
     #[command(flatten)]
     options: Options,
-    /// Render again. Without this option a surface of the same input and options is kept, and one of others is an error
+    /// Render again. By default a surface from the same input and options is kept, and another one is an error
     #[arg(long)]
     overwrite: bool,
 }
@@ -50,7 +51,7 @@ pub struct Options {
     fill: Option<f64>,
     /// Leave cells that fewer than two views confirm as nodata
     ///
-    /// Without it they are filled in from the cells around them, and confidence.tif has fewer than two views there.
+    /// By default they are filled in from the cells around them; confidence.tif has fewer than two views there.
     #[arg(long, conflicts_with = "fill", help_heading = "Products")]
     no_fill: bool,
     /// Also write the shaded relief as a raster: RUN/hillshade.tif

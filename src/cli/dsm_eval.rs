@@ -7,18 +7,18 @@ use crate::report::{SCORE_NOTE, ScoreTable, expected_error_text, score_tables};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Score a surface model against lidar: errors after each of three alternative registrations, by class, at edges, on slopes; error map
+/// Score a surface model against lidar: errors after registration, by class, at edges, on slopes; error map
 #[derive(clap::Args)]
 #[command(after_help = "\
 Registrations of the surface model to the truth:
   z    adds the median height offset (MAE_reg of the BAEOGS paper)
   ncc  shifts by whole cells to the best correlation and adds the mean offset (EOGS)
-  xyz  is the shift in three dimensions with the smallest MAE
+  xyz  shifts in three dimensions to the smallest MAE
 dx, dy: offset in cells (columns, rows) at which the surface model is sampled; east, north, dz: the
-shift of the surface model that this is, in metres (east = -dx cells, north = dy cells).
-Without classes water is scored like land. Completeness counts cells that are filled in
-too; the row `confirmed` has that of cells which two views or more confirm. Compare MAEs of
-several surface models only where their completeness is at least 0.99.
+same as a shift of the surface model in metres (east = -dx cells, north = dy cells).
+Without classes water is scored like land. Completeness includes cells that are filled in; the row
+`confirmed` counts only cells that two views or more confirm. Compare MAEs of surface models only
+if their completeness is at least 0.99.
 
 Examples:
   satgs dsm-eval run/dsm.tif JAX_068_DSM.tif   (finds JAX_068_DSM.txt, JAX_068_CLS.tif by name)
@@ -29,8 +29,8 @@ pub struct Args {
     dsm: PathBuf,
     #[command(flatten)]
     truth: TruthArgs,
-    /// Confidence of the surface model, as `satgs dsm` writes it: cells that at least two views confirm and cells that are filled
-    /// in are scored apart too [default: confidence.tif beside the surface model, if it has the same cells]
+    /// Confidence of the surface model, as `satgs dsm` writes it, to score confirmed and filled cells separately
+    /// [default: confidence.tif beside the surface model, if it has the same cells]
     #[arg(long, value_name = "FILE")]
     confidence: Option<PathBuf>,
     /// Folder for metrics.json, the error map (error.tif with a QGIS style, error.png) and figures, after registration xyz
@@ -128,7 +128,7 @@ fn tables(scores: &serde_json::Value) -> String {
     }
     let _ = writeln!(
         out,
-        "{SCORE_NOTE}\n{} cells of land, {} of water left out",
+        "{SCORE_NOTE}\n{} cells of land are scored, {} of water are not",
         scores["land_cells"], scores["water_cells"]
     );
     out

@@ -12,14 +12,14 @@ use std::path::PathBuf;
 ///
 /// --colmap writes images/, sparse/0/ (cameras, images, points3D) and georef.json. Satellite views become pinhole cameras
 /// far away on their lines of sight, with images resampled to square pixels and cropped to the area; photographs are written
-/// without distortion, as they were trained on. COLMAP, gsplat, Brush and nerfstudio open them. Coordinates are metres east,
-/// north and up from the run's origin. A satellite run needs no more than `satgs ba`.
+/// without distortion, at the size of the training. COLMAP, gsplat, Brush and nerfstudio open them. Coordinates are metres
+/// east, north and up from the run's origin. For a satellite run `satgs ba` is enough.
 ///
 /// --ply, --compressed-ply, --spz and --gltf write the splats, in the colours of the orthophoto, and NAME.georef.json with
 /// EPSG code and origin. Axes are x east, y north, z up in PLY files, and x east, y up, z south in SPZ and glTF; the unit is
-/// metres. `satgs info FILE` says what is in them.
+/// metres. `satgs info FILE` shows what they contain.
 ///
-/// --3dtiles writes tileset.json and its tiles, also of a scene of several tiles, for CesiumJS and other globes.
+/// --3dtiles writes tileset.json and its tiles for CesiumJS and other globes; RUN may have several tiles.
 #[derive(clap::Args, Clone, Debug)]
 #[command(group = clap::ArgGroup::new("form").required(true))]
 pub struct Args {
@@ -34,25 +34,25 @@ pub struct Args {
     /// Write the splats to this .ply file with all columns of 3DGS
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["ply"]))]
     ply: Option<PathBuf>,
-    /// Write the splats to this compressed PLY file of PlayCanvas and SuperSplat, which expect NAME.compressed.ply
+    /// Write the splats to this compressed PLY file (PlayCanvas, SuperSplat: they expect NAME.compressed.ply)
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["ply"]))]
     compressed_ply: Option<PathBuf>,
     /// Axes of --ply and --compressed-ply
     #[arg(long, value_enum, default_value = "3dgs", conflicts_with_all = ["colmap", "spz", "gltf", "tiles3d"])]
     variant: Variant,
-    /// Write the splats to this .spz file (version 3): positions in steps of 0.24 mm or less if all lie within 2 km
+    /// Write the splats to this .spz file (version 3; positions in steps of 0.24 mm or less within 2 km)
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["spz"]))]
     spz: Option<PathBuf>,
     /// Write the splats to this .glb file with KHR_gaussian_splatting
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["glb"]))]
     gltf: Option<PathBuf>,
-    /// Hold the splats of --gltf as SPZ (KHR_gaussian_splatting_compression_spz_2)
+    /// Compress the splats of --gltf as SPZ (KHR_gaussian_splatting_compression_spz_2)
     #[arg(long, conflicts_with_all = ["colmap", "ply", "compressed_ply", "spz", "tiles3d"])]
     compress: bool,
     /// Write 3D Tiles 1.1 into this folder, which must be empty or new: tiles of splats with levels of detail, on the globe
     #[arg(long = "3dtiles", value_name = "DIR", group = "form")]
     tiles3d: Option<PathBuf>,
-    /// Copyright that --gltf and --3dtiles hold and globes show
+    /// Copyright notice in --gltf and --3dtiles, which globes show
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["colmap", "ply", "compressed_ply", "spz"])]
     copyright: Option<String>,
     /// Replace the file, or what an earlier export wrote into the folder

@@ -22,11 +22,11 @@ const MATRIX_VIEWS: usize = 8;
 
 /// Show what a scene contains: views, cameras, sun positions, dates, convergence angles, overlap on the ground
 ///
-/// SCENE may also be a perspective scene: a COLMAP project, a transforms.json of instant-ngp or nerfstudio, RGB-D frames in
-/// the form of 7-Scenes, a scene of LEVIR-NVS or ScanNet++. Then views, lenses, points, reprojection errors and the extent are shown.
+/// For a perspective scene (a COLMAP project, a transforms.json of instant-ngp or nerfstudio, RGB-D frames in the layout of
+/// 7-Scenes, a scene of LEVIR-NVS or ScanNet++) it shows views, lenses, points, reprojection errors and the extent.
 ///
-/// Of a splat file (.ply, .compressed.ply, .spz, .glb with KHR_gaussian_splatting) the number of splats, their extent, axes and
-/// place on the map are shown, and of a tileset.json of 3D Tiles its tiles and levels of detail.
+/// For a splat file (.ply, .compressed.ply, .spz, .glb with KHR_gaussian_splatting) it shows the number of splats, their extent,
+/// axes and place on the map, for a tileset.json of 3D Tiles its tiles and levels of detail.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]

@@ -30,7 +30,7 @@ pub(super) fn install() {
 fn on_signal(_: i32) {
     if STATE.compare_exchange(RESUMABLE, REQUESTED, SeqCst, SeqCst).is_ok() {
         let _ =
-            writeln!(std::io::stderr(), "\ninterrupted: writing a checkpoint (Ctrl-C again stops at once)");
+            writeln!(std::io::stderr(), "\ninterrupted: keeping what is done (Ctrl-C again stops at once)");
     } else {
         let _ = writeln!(std::io::stderr(), "\ninterrupted");
         std::process::exit(ExitStatus::Interrupted as i32);

@@ -9,17 +9,17 @@ use crate::predict::{ImageNetwork, Model, write_onnx};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Train the network by which `satgs predict` makes splats from points
+/// Train the network with which `satgs predict` makes splats from points
 ///
 /// Towns are simulated one after the other. Points are drawn from their exact surfaces with the errors,
 /// holes and outliers of stereo matching, and thinned to 1 to 100 %. The network learns to predict
-/// splats whose renders agree with images that it does not see. With --scenes a model is trained
-/// further on points of the depth maps of photographs, and compared with their other views.
+/// splats whose renderings agree with images that it does not see. With --scenes a model is trained
+/// further, on points from the depth maps of photographs.
 ///
-/// The folder OUT.learn beside OUT.safetensors gets a line for each round (learn.csv), scores on towns
-/// that are not learned from (curves.svg) and by the share of the points that is left (points.csv,
-/// points.svg), a checkpoint, and the towns (7 MB each; they may be removed afterwards). An interrupted
-/// training goes on with the same command, and gives the same model.
+/// The folder OUT.learn beside OUT.safetensors gets a line for each round (learn.csv), scores on
+/// validation towns (curves.svg) and by the share of points that is kept (points.csv, points.svg), a
+/// checkpoint, and the towns (7 MB each; they may be removed afterwards). After an interruption the same
+/// command continues and gives the same model.
 ///
 ///   satgs learn --print-config > learn.toml
 ///   satgs learn model.safetensors --config learn.toml
@@ -33,8 +33,8 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Model to start from: a file, or `built-in`, the one that comes with satgs
     ///
-    /// With --scenes it is trained further [default: built-in]. Without, nothing is trained: the model is written as OUT, as .onnx for other
-    /// programs, which is also the example of what `satgs predict --model FILE.onnx` takes.
+    /// With --scenes this model is trained further [default: built-in]. Without --scenes it is only converted to OUT, for example to
+    /// ONNX for other programs; `satgs predict --model FILE.onnx` takes networks of the same form.
     #[arg(long, value_name = "FILE.safetensors|built-in")]
     from: Option<PathBuf>,
     /// Train a model further on these perspective scenes, which have depth maps (RGB-D, LEVIR-NVS, ScanNet++)
@@ -42,16 +42,16 @@ pub struct Args {
     scenes: Vec<PathBuf>,
     #[command(flatten)]
     images: ImageArgs,
-    /// ONNX network of features of images, such as DINOv2, which the model then takes as well
+    /// ONNX network of image features, such as DINOv2, as further input of the model
     ///
-    /// One picture of any or a fixed square size in, a vector for each patch out. `satgs predict` needs the same file. With --scenes: the
-    /// file that the model was trained with.
+    /// Input is an image of any or of a fixed square size, output a vector for each patch. `satgs predict` needs the same file. With
+    /// --scenes: the file that the model was trained with.
     #[arg(long, value_name = "FILE.onnx")]
     image_features: Option<PathBuf>,
-    /// Numbers of towns, rounds and steps, learning rate, sizes of the network; what is absent is as in --print-config
+    /// Numbers of towns, rounds and steps, learning rate, sizes of the network; defaults are those of --print-config
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Print the configuration of the model that comes with satgs, or with --scenes that of training further, and exit
+    /// Print the default configuration (with --scenes: of further training) and exit
     #[arg(long, conflicts_with_all = ["out", "from", "config"])]
     print_config: bool,
 }
@@ -134,7 +134,7 @@ fn convert(from: &Path, out: &Path, ui: &Ui) -> Result<(), CliError> {
 fn text(s: &Summary) -> String {
     let scores = s.validation.map_or_else(String::new, |Validation { dense, sparse }| {
         format!(
-            "\nnot learned from: {:.2} dB (isotropic splats {:.2}, flat ones {:.2})\n5 % of the points: {:.2} dB ({:.2}, {:.2})",
+            "\nvalidation: {:.2} dB (isotropic splats {:.2}, flat ones {:.2})\n5 % of the points: {:.2} dB ({:.2}, {:.2})",
             dense[0], dense[1], dense[2], sparse[0], sparse[1], sparse[2],
         )
     });

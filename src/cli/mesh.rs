@@ -6,18 +6,18 @@ use std::path::PathBuf;
 
 /// Make a mesh with walls and colours (.ply, .obj, .glb) of a run, or of a scene with depth maps
 ///
-/// Depth maps are fused in voxels to a truncated signed distance function (TSDF), whose zero surface is
-/// the mesh; its 50 largest pieces of at least 50 triangles are kept. A run renders the depth maps: in each
-/// training view, of satellite images also from straight above. Of a scene they are those that it has.
-/// Coordinates are those of the scene, of satellite images metres from the site's origin, which
-/// FILE.georef.json beside the mesh states.
+/// Depth maps are fused in voxels into a truncated signed distance function (TSDF), whose zero surface is
+/// the mesh; its 50 largest pieces of at least 50 triangles are kept. The depth maps of a run are rendered
+/// in each training view, and for satellite images also from straight above; a scene has its own.
+/// Coordinates are those of the scene; for satellite images they are metres from the site's origin in
+/// FILE.georef.json beside the mesh.
 ///
 ///   input                        voxel              truncation  greatest depth
 ///   satellite run                0.5 m              2 m
 ///   RGB-D, ScanNet++ (or a run)  0.02 m             0.08 m      5 m
-///   photographs from inside      largest depth/250  4 voxels    that of 99.9 % (of a run 95 %)
+///   photographs from inside      largest depth/250  4 voxels    99.9 % quantile (run: 95 %)
 ///   other photographs            largest depth/1024 4 voxels    twice the distance of the nearest
-///                                                               camera from what all look at
+///                                                               camera from the point all look at
 ///
 ///   satgs mesh run -o town.glb
 ///   satgs mesh kitchen -o reference.ply --voxel 0.01
@@ -33,7 +33,7 @@ pub struct Args {
     /// Side of a voxel, metres [default: see above]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     voxel: Option<f64>,
-    /// Distance from a surface up to which a depth map tells where it is, metres [default: 4 voxels]
+    /// Truncation distance of the TSDF, metres [default: 4 voxels]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     truncation: Option<f64>,
     /// Leave out depths beyond this, metres [default: see above]; not for satellite runs

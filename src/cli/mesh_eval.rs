@@ -7,12 +7,12 @@ use std::path::PathBuf;
 
 /// Score a mesh against a reference: accuracy, completeness, precision, recall, F1, chamfer distance
 ///
-/// Both surfaces are sampled by area, at places 0.4 times the threshold apart, so that the size of
+/// Both surfaces are sampled by area, at points 0.4 times the threshold apart, so that the size of
 /// triangles does not matter. Accuracy is the mean distance from the mesh to the reference,
 /// completeness the mean distance from the reference to the mesh, chamfer the mean of both. Precision
 /// and recall are the shares of these distances below the threshold, F1 their harmonic mean.
 /// With --views both are first cut to what the views see: they are rendered to depth maps and fused
-/// again (voxels of 4 cm, truncation 12 cm, depths up to 5 m; of satellite views 1 m, 3 m).
+/// again (voxels of 4 cm, truncation 12 cm, depths up to 5 m; satellite views: 1 m, 3 m, any depth).
 ///
 ///   satgs mesh-eval mesh.ply reference.ply --views kitchen
 ///   satgs mesh-eval town.ply lidar.ply --threshold 1 --error-mesh errors.ply
@@ -23,18 +23,18 @@ pub struct Args {
     mesh: PathBuf,
     /// The reference (.ply, .obj)
     reference: PathBuf,
-    /// Distance up to which a place counts as right, metres
+    /// Distance up to which a point counts as correct, metres
     #[arg(long, value_name = "METRES", default_value = "0.05", value_parser = parse_metres)]
     threshold: f64,
     /// Cut both meshes to what the views of this run or scene see, which is in the frame of the reference
     #[arg(long, value_name = "RUN_OR_SCENE")]
     views: Option<PathBuf>,
-    /// Run or scene whose cameras place the mesh: their centres are moved onto those of --views
+    /// Move the mesh by the similarity that fits the camera centres of this run or scene to those of --views
     ///
-    /// The similarity is that of the images of the same names in both.
+    /// For a mesh in another frame, such as COLMAP's. Cameras of images with the same name correspond.
     #[arg(long, value_name = "RUN_OR_SCENE", requires = "views")]
     align: Option<PathBuf>,
-    /// Write the mesh in colours of its errors (.ply, .obj, .glb): green 0, yellow at the threshold, red from twice the threshold
+    /// Write the mesh coloured by its errors (.ply, .obj, .glb): green 0, yellow at the threshold, red from twice the threshold on
     #[arg(long, value_name = "FILE", value_parser = ending(&["ply", "obj", "glb"]))]
     error_mesh: Option<PathBuf>,
     /// Replace the error mesh if it exists

@@ -97,29 +97,30 @@ pub struct Common {
 
 #[derive(Subcommand)]
 enum Command {
-    Simulate(simulate::Args),
+    // In the order of the help, as in README.md.
     Info(info::Args),
-    Rpc(rpc::Args),
+    Run(Box<run::Args>),
     Ba(ba::Args),
-    Align(align::Args),
     Train(train::Args),
     Dsm(dsm::Args),
     DsmEval(dsm_eval::Args),
     Changes(changes::Args),
+    Report(report::Args),
+    Align(align::Args),
+    Rpc(rpc::Args),
+    View(view::Args),
     Render(render::Args),
     NvsEval(nvs_eval::Args),
     Mesh(mesh::Args),
     MeshEval(mesh_eval::Args),
-    Prior(prior::Args),
-    Predict(predict::Args),
-    Learn(learn::Args),
-    Run(Box<run::Args>),
+    Export(export::Args),
     Plan(Box<plan::Args>),
     Tile(tile::Args),
     Mosaic(mosaic::Args),
-    Report(report::Args),
-    View(view::Args),
-    Export(export::Args),
+    Predict(predict::Args),
+    Learn(learn::Args),
+    Prior(prior::Args),
+    Simulate(simulate::Args),
 }
 
 /// The command line with all commands and options, for completions and man pages.

@@ -8,9 +8,9 @@ use std::path::PathBuf;
 /// Score rendered images of a trained run against images that were held back from training: PSNR and SSIM
 ///
 /// Each view of the scene's test.txt is rendered with its own camera and sun, and compared with its image. Colours differ
-/// between dates: --protocol says how those of the render are chosen in runs of recipe `satgs`. Other satellite runs have
-/// the colours of the reference view, changed linearly as fits the left half of the image; the right half is scored. Of
-/// photographs whole images are scored, as displayed, without a change of colours.
+/// between dates: in runs of recipe `satgs`, --protocol chooses those of the rendering; other satellite runs fit the colours
+/// of the reference view linearly to the left half of the image and score the right half. Photographs are scored on whole
+/// images, as displayed, without a change of colours.
 ///
 /// SSIM has a window of 11 x 11 pixels; SSIM 3 has one of 3 x 3, as in the program of Sat-NeRF.
 #[derive(clap::Args, Clone, Debug)]
@@ -23,8 +23,8 @@ pub struct Args {
     /// How the colours of a view are chosen [default: full for runs of recipe satgs, else half]
     #[arg(long, value_enum)]
     protocol: Option<ProtocolArg>,
-    /// Network (safetensors, made by scripts/fetch-weights) of the perceptual distance LPIPS; papers have that of AlexNet [default:
-    /// no LPIPS]
+    /// Network for the perceptual distance LPIPS (safetensors, made by scripts/fetch-weights); papers use AlexNet [default: no
+    /// LPIPS]
     #[arg(long, value_name = "FILE")]
     lpips: Option<PathBuf>,
 }

@@ -44,17 +44,17 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "tiling")]
 pub struct Options {
-    /// Largest side of a tile without its overlap, metres; an area whose sides are at most half as long again is not cut
+    /// Largest side of a tile without its overlap, metres; an area up to 1.5 times as long is not cut
     #[arg(long, default_value_t = PlanOptions::default().core_m, value_name = "M", value_parser = parse_metres,
         hide_short_help = true, help_heading = "Run")]
     pub core: f64,
-    /// Width of the ground around a tile that is trained as well, metres; seams are cut there
+    /// Overlap: width of the ground around a tile that is trained too, metres; tiles are blended there
     #[arg(long, default_value_t = PlanOptions::default().overlap_m, value_name = "M", value_parser = parse_metres,
         hide_short_help = true, help_heading = "Run")]
     pub overlap: f64,
-    /// Memory that the training of a tile may take, such as 3GB
+    /// Memory limit for the training of a tile, such as 3GB
     ///
-    /// The sides of tiles (--core) are halved until the prediction is below it [default: no limit].
+    /// Tiles are halved until their predicted memory is below it [default: no limit].
     #[arg(long, value_name = "SIZE", value_parser = parse_megabytes, hide_short_help = true, help_heading = "Run")]
     pub max_memory: Option<f64>,
 }

@@ -9,14 +9,14 @@ use std::path::PathBuf;
 
 /// Predict splats from points in one pass, in seconds instead of minutes of training (Point2GS)
 ///
-/// Takes the cameras of RUN (of `satgs ba`, or of a trained run) and points of any source. Writes the run folder RUN2, on
-/// which `dsm`, `render`, `nvs-eval`, `mesh` and `view` work; `train` goes on from its splats. Photographs need no
-/// adjustment: RUN is the scene itself.
+/// Takes the cameras of RUN (made by `satgs ba` or trained) and points of any source. Writes the run folder RUN2, on which
+/// `dsm`, `render`, `nvs-eval`, `mesh` and `view` work; `train` continues from its splats. Photographs need no
+/// adjustment: give the scene itself instead of RUN.
 ///
-/// Points within half a metre are merged, and points far from all others dropped; the command prints how many. A network
-/// then predicts a splat every half metre of the surface and of walls between neighbouring heights (of photographs, every
-/// third of the distance of the points), from the points around and from what the images show there. It was trained on
-/// simulated towns; `satgs learn` trains others. Of photographs, splats are flat ones without a network unless --model is given.
+/// Points within half a metre are merged and outliers dropped; the command prints how many. A network then predicts a splat
+/// every half metre of the surface and of walls between neighbouring heights (for photographs, every third of the distance
+/// between points), from the surrounding points and the images. It was trained on simulated towns; `satgs learn` trains
+/// others. For photographs, splats are flat ones without a network unless --model is given.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Examples:
   satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast && satgs nvs-eval fast
@@ -30,27 +30,27 @@ pub struct Args {
     output: PathBuf,
     /// Points: a cloud (.laz, .las, .ply) or a surface model (.tif), in any map projection in metres
     ///
-    /// Heights are above the ellipsoid unless the file states another reference. Coordinates of a .ply are relative to NAME.georef.json
-    /// beside it, else on the map of the scene [default: the surface that a training of RUN has matched, else the sparse points; of
-    /// photographs the points of the scene, else those of its depth maps].
+    /// Heights are above the ellipsoid unless the file states another reference. Coordinates of a .ply are relative to the origin in
+    /// NAME.georef.json beside it, else map coordinates of the scene [default: the matched surface of a training of RUN, else its
+    /// sparse points; for photographs the points of the scene, else those of its depth maps].
     #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
     points: Option<PathBuf>,
-    /// Take the points where they are
+    /// Do not move the points
     ///
-    /// By default points of satellite scenes are moved onto the tie points of the adjustment, which leave the place of a run open by some
-    /// metres; the command prints by how much. Points that lie elsewhere than those of the scene are refused.
+    /// By default points of satellite scenes are moved onto the tie points, because an adjusted run may be off by some metres; the
+    /// command prints by how much. Points far from those of the scene are refused.
     #[arg(long, requires = "points")]
     keep_place: bool,
     /// Model, made by `satgs learn`, or an ONNX network of your own
     ///
-    /// A network has the inputs and the output that `satgs learn OUT.onnx --from built-in` writes [default: the model that comes with
-    /// satgs; of photographs none].
+    /// The network must have the inputs and the output of `satgs learn OUT.onnx --from built-in` [default: the model that comes with
+    /// satgs; for photographs none].
     #[arg(long, value_name = "FILE.safetensors|FILE.onnx")]
     model: Option<PathBuf>,
-    /// ONNX file of the network of image features (such as DINOv2) that the model was trained with (`satgs learn --image-features`)
+    /// ONNX network of image features (such as DINOv2) that the model was trained with (`satgs learn --image-features`)
     #[arg(long, value_name = "FILE.onnx", requires = "model")]
     image_features: Option<PathBuf>,
-    /// Make a splat of each point without a network, to compare with: isotropic, or flat along the surface
+    /// Make a splat from each point without a network, for comparison: isotropic, or flat along the surface
     #[arg(long, value_name = "KIND", conflicts_with = "model")]
     without_network: Option<Kind>,
     #[command(flatten)]

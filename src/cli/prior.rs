@@ -7,24 +7,24 @@ use crate::pipeline::{PriorMapOptions, PriorMapSummary, prior_maps};
 use crate::prior::{DepthKind, PriorCommand, PriorContent, PriorMaker};
 use std::path::PathBuf;
 
-/// Make maps of depths or normals of the images of a perspective scene, by a network, a command or matching
+/// Make depth or normal maps of the images of a perspective scene, with a network, a command or matching
 ///
 /// Training takes the folder as `--depth-prior DIR` or `--normal-prior DIR`. It holds NAME.npy for
-/// each image, prior.json, and made_from.json, by which the same call keeps the maps that are there:
-/// it goes on after an interruption, and makes only the maps of images that are new.
+/// each image, prior.json, and made_from.json. The same command keeps the maps that are there: it
+/// continues after an interruption, and makes only the maps of new images.
 ///
-/// --model takes an ONNX file such as Depth Anything V2: one picture in, f32 [1, 3, rows, columns];
+/// --model takes an ONNX file such as Depth Anything V2: the input is f32 [1, 3, rows, columns];
 /// the first output is f32 [1, rows, columns] or [1, 1, rows, columns] for depths, and
-/// [1, 3, rows, columns] or [1, rows, columns, 3] for normals. Images are brought to the size of
-/// the input, and maps back to the proportions of the image.
+/// [1, 3, rows, columns] or [1, rows, columns, 3] for normals. Images are resized to the input, and
+/// maps to the proportions of the image.
 ///
 /// --command is called for each image, for at most 600 s. {image} stands for the image, {out} for
 /// the file to write, NAME.npy; {out}.png and {out}.tif are pictures. It is split into words as a
 /// shell does, but no shell runs it: pipes need `sh -c 'depth "$0" > "$1"' {image} {out}`.
 ///
 /// --stereo matches the images with each other at their poses, and needs no network: depths in the
-/// unit of the scene, with holes where views do not agree. Training does so by itself where it needs
-/// depths and has no others. Views that are held back (--test-views) are neither used nor get a map.
+/// unit of the scene, with holes where views do not agree. Training does the same if it needs depths
+/// and has no others. Held-back views (--test-views) are not used and get no map.
 ///
 ///   satgs prior kitchen -o depths --stereo
 ///   satgs prior kitchen -o depths --model depth_anything_v2_vits.onnx --kind disparity
@@ -43,13 +43,13 @@ pub struct Args {
     maker: Maker,
     #[command(flatten)]
     images: ImageArgs,
-    /// The maps are of normals, in camera axes (right, down, forward) with any signs [default: of depths]
+    /// Make normal maps, in camera axes (right, down, forward) with any signs [default: depth maps]
     #[arg(long)]
     normals: bool,
-    /// What the values of depths are, for prior.json [default: training finds it by the points of the scene]
+    /// What the values of depths are, for prior.json [default: training finds it with the points of the scene]
     #[arg(long, value_name = "KIND", conflicts_with = "normals")]
     kind: Option<PriorKind>,
-    /// Make all maps anew. Without this option maps of other makers or of other images are an error
+    /// Make all maps again. By default maps from another network or command are an error
     #[arg(long)]
     overwrite: bool,
 }
@@ -58,7 +58,7 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(required = true, multiple = false)]
 struct Maker {
-    /// Network that gives a map of a picture
+    /// Network that estimates a map from an image
     #[arg(long, value_name = "FILE.onnx")]
     model: Option<PathBuf>,
     /// Command that writes the map {out} of the image {image}

@@ -9,16 +9,16 @@ use std::path::PathBuf;
 /// Render images of a trained run from any direction, under any sun
 ///
 /// A .png holds colours. A .tif holds red, green, blue (0 to 1) and the height of the surface in the
-/// pixel (m) as float32, of recipe satgs also the share of sunlight (0 to 1); with --like it has the corrected RPC of the view, with --view a map grid that
-/// is right for ground at the height of the site's origin. Angles are degrees, azimuths clockwise from
-/// north. With --frames the direction changes evenly to --view-to and the sun to --sun-to, with one
-/// numbered file per frame:
+/// pixel (m) as float32, with recipe satgs also the share of sunlight (0 to 1). With --like it has the
+/// corrected RPC of the view, with --view a map grid for ground at the height of the site's origin.
+/// Angles are degrees, azimuths clockwise from north. With --frames the direction changes evenly to
+/// --view-to and the sun to --sun-to, with one numbered file per frame:
 ///
 ///   satgs render RUN --view 0,30 --view-to 360,30 --frames 90 -o orbit.png
 ///   satgs render RUN --view 0,0 --sun 95,20 --sun-to 265,20 --frames 60 -o day.png
 ///
-/// A run of recipe satgs has colours for every season, between those of its views before and after a
-/// date in the course of a year, and shadows for every sun:
+/// A run of recipe satgs has colours for every season, interpolated between those of its views before
+/// and after that day of the year, and shadows for every sun:
 ///
 ///   satgs render RUN --view 0,0 --date 2015-03-10 -o march.png
 ///   satgs render RUN --view 0,0 --date 2015-01-01 --date-to 2015-12-31 --frames 6 --strip -o year.png
@@ -37,8 +37,8 @@ pub struct Args {
     /// cars, clouds and the like
     #[arg(long, value_name = "VIEW", conflicts_with_all = ["like", "view", "appearance", "date", "sun", "frames", "depth", "normals"])]
     visibility: Option<String>,
-    /// Direction of the camera: azimuth and angle off nadir, in the colours of the reference view (the training view nearest to
-    /// nadir with a high sun)
+    /// Direction from the scene to the camera: azimuth and angle off nadir; colours are those of the reference view (the training
+    /// view nearest to nadir with a high sun)
     #[arg(long, value_name = "AZIMUTH,OFF_NADIR", value_parser = direction, conflicts_with = "like")]
     view: Option<[f64; 2]>,
     /// The colours of this training view (recipe satgs)
@@ -68,11 +68,11 @@ pub struct Args {
     /// Position of the sun in the last frame
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = direction, requires_all = ["sun", "frames"])]
     sun_to: Option<[f64; 2]>,
-    /// Write only the depth (.tif, float32, NaN where nothing is seen): of satellite scenes the height of what is seen, of
-    /// perspective ones the distance along the optical axis
+    /// Write only the depth (.tif, float32, NaN where there is none): the height of the surface, for perspective scenes the
+    /// distance along the optical axis
     #[arg(long)]
     depth: bool,
-    /// Write the unit normals of flat splats (.tif, float32): bands east, north, up, of perspective scenes x, y, z of the
+    /// Write the unit normals of flat splats (.tif, float32): bands east, north, up, for perspective scenes x, y, z of the
     /// scene's axes. With --depth the depth follows as a fourth band
     #[arg(long)]
     normals: bool,

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Work with RPC cameras: project and localise points, convert formats, compare two cameras, fit affine and quadratic cameras
 ///
-/// FILE is an RPC file of any format satgs reads (`_RPC.TXT`, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON,
+/// FILE is an RPC file of any format that satgs reads (`_RPC.TXT`, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON,
 /// GDAL .aux.xml) or an image with its RPC inside or beside it. Pixel 0 0 is the centre of the first pixel, heights
 /// are metres above the WGS 84 ellipsoid, longitudes and latitudes degrees.
 #[derive(clap::Args)]

@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 
 /// Do everything: adjust, train, render, score if --truth is given, and write a report
 ///
-/// Stages that RUN holds already, made from the same input and options, are kept: the same command continues an
-/// interrupted run where it stopped. An area larger than --core is cut into tiles, which are made one after the other and
-/// blended: RUN/tiles, RUN/mosaic and RUN/seams.gpkg are added then.
+/// Stages in RUN that were made from the same input and options are kept: the same command continues an interrupted run. An area
+/// larger than --core is cut into tiles, which are made one after the other and blended (RUN/tiles, RUN/mosaic,
+/// RUN/seams.gpkg).
 ///
-/// A perspective scene (a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS, ScanNet++) is trained with recipe `3dgs`; views that
-/// are held back are scored, and a surface model is made if --georef says where the scene lies.
+/// A perspective scene (a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS, ScanNet++) is trained with recipe `3dgs`,
+/// held-back views are scored, and with --georef a surface model is made.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]

@@ -28,8 +28,8 @@ pub struct SceneArgs {
     pub suns: Vec<(String, Sun)>,
     /// Area of interest: a box in degrees, or a GeoJSON polygon
     ///
-    /// Only the parts of images that may show it are read [default: the ground that at least three views see, of two or three
-    /// views two].
+    /// Only the parts of images that may show it are read [default: the ground that at least three views see, or two if there are
+    /// only two or three].
     #[arg(long, value_name = "W,S,E,N|FILE", allow_hyphen_values = true, help_heading = "Input")]
     pub aoi: Option<String>,
     /// Bands to use, counted from 1: three as red, green, blue, or one [default: the first three]
@@ -40,14 +40,14 @@ pub struct SceneArgs {
     pub stretch: Option<f64>,
     /// Display gamma of the images: 1 if values are proportional to light, 2.2 if they were made for a screen
     ///
-    /// The light of a pixel is value^GAMMA; training and matching compare light. `auto` takes 2.2 for 8-bit images that are bright in the
-    /// light and in the shadows, as DFC2019's colours are, else 1. `satgs ba` prints what was taken.
+    /// Pixel values are linearised (value^GAMMA) before training and matching. `auto` uses 2.2 for 8-bit images that are bright in
+    /// sunlight and in shadow, such as DFC2019's, else 1; `satgs ba` prints which.
     #[arg(long, value_name = "GAMMA|auto", default_value = "auto", value_parser = parse_gamma,
         hide_short_help = true, help_heading = "Input")]
     pub gamma: Gamma,
     /// Use the first RPC found for an image even if it seems to belong to another image
     ///
-    /// Such as one of another size, or the raw sensor image that this image was orthorectified from.
+    /// For example one of another size, or the raw sensor image from which this image was orthorectified.
     #[arg(long, hide_short_help = true, help_heading = "Input")]
     pub trust_rpc: bool,
 }
@@ -107,7 +107,7 @@ impl SceneArgs {
         if self.gamma.0.is_none() && !scene.transfer_function.is_linear() {
             let gamma = scene.transfer_function.gamma();
             ui.event(Event::Note(format!(
-                "the images are as bright as images processed for display: light = value^{gamma} (--gamma 1 if values are linear)"
+                "the images look processed for display: values are linearised with gamma {gamma} (--gamma 1 if they are linear)"
             )));
         }
         Ok(scene)

@@ -13,13 +13,13 @@ use std::path::PathBuf;
 
 /// Simulate a test scene with a known answer: satellite images of a town or a mountain, photographs of a room or from the air
 ///
-/// Without --room or --aerial: satellite images with RPC cameras of a small town, or of a mountain with --mountains, and its
+/// Without --room or --aerial: satellite images with RPC cameras of a small town (with --mountains: of a mountain), and its
 /// exact surface model. OUT gets RGB GeoTIFFs; their RPC tags have pointing errors of several pixels, their metadata give the sun's
-/// position. OUT/truth gets the exact DSM, of a town its bare ground, its classes (DFC2019's codes), the true RPCs and the
+/// position. OUT/truth gets the exact DSM, bare ground and classes (DFC2019's codes) of a town, the true RPCs and the
 /// pointing errors. The same options give the same bytes.
 ///
-/// --seasons, --cars and --held-out make scenes for methods that explain how images of one place differ. With any of them,
-/// OUT/truth/appearance gets three pictures of every image, pixel by pixel: NAME_sunlit.png (share of sunlight at the
+/// --seasons, --cars and --held-out are for methods that explain how images of one place differ. With any of them,
+/// OUT/truth/appearance gets three pictures for every image, pixel by pixel: NAME_sunlit.png (share of sunlight at the
 /// surface: 255 in full sun, 0 in shadow), NAME_cars.png (255 on moving cars and their shadows) and NAME_clean.png (the image
 /// without cars and noise), and views.json with the gains, haze and colours of every date.
 ///
@@ -43,10 +43,10 @@ pub struct Args {
     /// Seed of the random town
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
-    /// Photograph a room of 4 x 5 x 2.5 m instead, two of whose walls have no texture, with a table and a sphere
+    /// Photograph a room of 4 x 5 x 2.5 m instead, with a table and a sphere; two walls have no texture
     ///
-    /// The cameras stand around the table at two heights and look across the room in all directions. 3,000 points lie on
-    /// surfaces with texture only, with errors of about 3 mm. Files are about 13 MB for each image of 640 x 640 pixels.
+    /// The cameras stand around the table at two heights and look across the room in all directions. 3,000 points lie only on
+    /// surfaces with texture, with errors of about 3 mm. Files take about 13 MB for each image of 640 x 640 pixels.
     #[arg(long, group = "photographs")]
     room: bool,
     /// With --room: also write RGB-D frames to OUT/frames, whose files state this camera
@@ -71,8 +71,7 @@ pub struct Args {
     /// Look at this surface instead, to plan an acquisition: a north-up raster of heights in a projected CRS in metres
     ///
     /// Images are centred on its middle, and show as much of it as --size allows. Where it has no heights, and beyond its borders,
-    /// images and the exact surface have no data. Views and suns are those of the place, unless --view gives them; cars drive on
-    /// grey level ground, and green ground changes with the season.
+    /// images and the exact surface have no data. Cars drive on grey level ground, and green ground changes with the season.
     #[arg(long, value_name = "DSM.tif", conflicts_with_all = ["photographs", "hilly", "mountains"])]
     surface: Option<PathBuf>,
     /// Picture of the ground of --surface, in its CRS: one band, or red, green and blue; shadows in it stay
@@ -101,8 +100,8 @@ pub struct Args {
     /// Bits of the grey levels, 8 or 16; of 16, 12 are used [default: 8; --mountains: 16]
     #[arg(long, value_name = "N", value_parser = parse_bits, conflicts_with = "photographs")]
     bits: Option<BitDepth>,
-    /// Columns and rows of every image, pixels [default: 400; --room: 640; --aerial: 512; --surface: what
-    /// shows the surface, at most 2048]
+    /// Columns and rows of every image, pixels [default: 400; --room: 640; --aerial: 512; --surface: all of
+    /// the surface, at most 2048]
     #[arg(long, value_name = "PX")]
     size: Option<usize>,
     /// Ground sampling distance at nadir, metres

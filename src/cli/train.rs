@@ -23,7 +23,7 @@ pub struct Args {
     print_recipe: Option<String>,
     #[command(flatten)]
     options: Options,
-    /// Train again. Without this option splats of the same input and options are kept, and those of others are an error
+    /// Train again. By default splats from the same input and options are kept, and others are an error
     #[arg(long)]
     overwrite: bool,
 }
@@ -75,15 +75,15 @@ impl From<PriorKind> for DepthKind {
 /// Points to start from.
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
 enum Start {
-    /// Those of the scene
+    /// The points of the scene
     Scene,
-    /// Those of the scene, and more where views have few (IndoorSplat)
+    /// The points of the scene, and more where views have few (IndoorSplat)
     Patches,
-    /// One behind each pixel (GeoProp-GS)
+    /// A point behind each pixel (GeoProp-GS)
     Hdd,
-    /// As hdd, and more in places that only cameras beside the views would see (GeoProp-GS)
+    /// As hdd, and points in places that only cameras beside the views would see (GeoProp-GS)
     Gva,
-    /// Splats that are predicted of the matched surface, else of the points of the scene (Point2GS)
+    /// Splats predicted from the matched surface, else from the points of the scene (Point2GS)
     Predict,
 }
 
@@ -106,9 +106,9 @@ impl Start {
 pub struct Options {
     /// Recipe, such as `best` or `satgs`, or a TOML file
     ///
-    /// `best` makes heights; `baeogs` and `eogs` follow the papers; `satgs` adds colours for any date and sun, `satgs-fast` in a quarter of
-    /// the iterations. Of photographs: `3dgs` makes ellipsoids, `2dgs` flat discs for surfaces, `indoor` is for rooms, `geoprop` for three to ten aerial views
-    /// [default: `best`, of photographs `3dgs`].
+    /// `best` is for heights; `baeogs` and `eogs` follow the papers; `satgs` adds colours for any date and sun, `satgs-fast` in a
+    /// quarter of the iterations. For photographs: `3dgs` trains ellipsoids, `2dgs` flat discs for surfaces, `indoor` is for rooms,
+    /// `geoprop` for three to ten aerial views [default: `best`, for photographs `3dgs`].
     #[arg(long, value_name = "NAME|FILE", help_heading = "Training")]
     recipe: Option<String>,
     /// Kind of splats [default: the recipe's]
@@ -116,13 +116,13 @@ pub struct Options {
     primitive: Option<Primitive>,
     /// Points that training starts from [default: the recipe's]
     ///
-    /// `scene`, `patches`, `hdd` and `gva` are for photographs. `hdd` and `gva` put one behind each pixel, at the depth of --depth-prior,
-    /// or at a depth interpolated between the points that the view sees.
+    /// `scene`, `patches`, `hdd` and `gva` are for photographs. `hdd` and `gva` put a point behind each pixel, at the depth of
+    /// --depth-prior, or at a depth interpolated between the points that the view sees.
     #[arg(long, value_name = "POINTS", hide_short_help = true, help_heading = "Training")]
     start: Option<Start>,
-    /// Start from points of the reference depth maps, in scenes without points
+    /// Start from points of the reference depth maps of LEVIR-NVS and ScanNet++, in scenes without points
     ///
-    /// Of LEVIR-NVS and ScanNet++. --depth-prior is aligned with them, too.
+    /// --depth-prior is aligned with these points, too.
     #[arg(long, hide_short_help = true, help_heading = "Training")]
     reference_points: bool,
     /// Number of iterations [default: the recipe's]
@@ -132,7 +132,7 @@ pub struct Options {
     iterations: Option<u32>,
     /// Stop at the matched surface: heights, orthophoto, confidence
     ///
-    /// For two or three images the heights are those of a run with splats; for four images and more, training makes them better.
+    /// With two or three images, splats do not change the heights; with four and more, training improves them.
     #[arg(long, conflicts_with_all = ["iterations", "snapshots", "resume"], help_heading = "Training")]
     no_splats: bool,
     /// Seed of all random numbers; the same seed gives the same bytes
@@ -146,12 +146,12 @@ pub struct Options {
     checkpoint_every: u32,
     /// Fail unless there is a checkpoint to continue from
     ///
-    /// Without it training continues from a checkpoint if there is one, else it starts from the beginning.
+    /// By default training continues from a checkpoint if there is one, else it starts from the beginning.
     #[arg(long, help_heading = "Run", hide_short_help = true)]
     resume: bool,
-    /// Number of pictures of the training's progress [default: none]
+    /// Number of pictures of the training's progress in RUN/train/snapshots [default: none]
     ///
-    /// RUN/train/snapshots gets image, render, shadows, altitudes and errors of one view.
+    /// Each shows image, rendering, shadows, altitudes and errors of one view.
     #[arg(
         long,
         default_value_t = 0,
@@ -161,26 +161,26 @@ pub struct Options {
         help_heading = "Training"
     )]
     snapshots: u32,
-    /// ONNX network by which recipe satgs tells passing things, such as cars, from the scene
+    /// ONNX network of image features, such as DINOv2, with which recipe satgs finds cars and other passing things
     ///
-    /// It gives a vector for each patch of a picture, as DINOv2 does. Where the vectors of an image and of its render differ, the image
-    /// counts less [default: vectors that need no network].
+    /// It gives a feature vector for each patch of an image. Where the vectors of an image and of its rendering differ, the image
+    /// counts less [default: features that need no network].
     #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     features: Option<PathBuf>,
-    /// Network of the perceptual loss of recipe satgs
+    /// Network for the perceptual loss (LPIPS) of recipe satgs
     ///
-    /// A safetensors file made by scripts/fetch-weights [default: train without].
+    /// A safetensors file made by scripts/fetch-weights [default: train without this loss].
     #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     lpips: Option<PathBuf>,
     /// Depths of the images, for recipes indoor and geoprop: a folder, an ONNX network, a command, or `stereo`
     ///
-    /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network is such as Depth Anything V2. A command writes the map {out}
-    /// of the image {image}, as 'python3 depth.py {image} {out}'. `stereo` matches the images with each other. Maps that are made are kept
-    /// in RUN/priors; `satgs prior` makes them once for several runs [default: the depth maps of RGB-D frames; else stereo, of recipe
-    /// geoprop none].
+    /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network estimates depths from an image, as Depth Anything V2
+    /// does. A command writes the map {out} of the image {image}, for example 'python3 depth.py {image} {out}'. `stereo` matches
+    /// the images with each other. Maps are kept in RUN/priors; `satgs prior` makes them once for several runs [default: the depth
+    /// maps of RGB-D frames, else stereo; for recipe geoprop none].
     #[arg(long, value_name = "DIR|FILE.onnx|CMD|stereo", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     depth_prior: Option<PriorSource>,
-    /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
+    /// What the values of --depth-prior are [default: as its prior.json says, else found with the points of the scene]
     #[arg(
         long,
         value_name = "KIND",
@@ -191,15 +191,15 @@ pub struct Options {
     prior_kind: Option<PriorKind>,
     /// Surface normals of the images, for recipe indoor: a folder, an ONNX network or a command
     ///
-    /// As --depth-prior. Normals are in axes of the camera or of the world; which, and with which signs, the points of the scene tell
-    /// [default: those of the depth maps of RGB-D frames, else train without].
+    /// As --depth-prior. Normals may be in axes of the camera or of the world, with any signs: the convention is found with the points
+    /// of the scene [default: computed from the depth maps of RGB-D frames, else train without].
     #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     normal_prior: Option<PriorSource>,
     /// Command that paints what no view sees, for --start gva and recipe geoprop
     ///
-    /// It is called for each picture of a camera beside the views: {rgb} is the picture, {mask} is white where nothing is seen, {depth}
-    /// holds depths (.npy), {out} is the PNG to write, as 'python3 inpaint.py {rgb} {mask} {out}' [default: such places take the colours
-    /// of what is near].
+    /// Example: 'python3 inpaint.py {rgb} {mask} {out}'. It is called for renderings from cameras beside the views: {rgb} is the
+    /// picture, {mask} is white where nothing is seen, {depth} holds depths (.npy), {out} is the PNG to write [default: such places
+    /// take the colours of their surroundings].
     #[arg(long, value_name = "CMD", value_parser = InpaintCommand::parse, hide_short_help = true, help_heading = "Training")]
     inpaint: Option<InpaintCommand>,
 }
@@ -257,7 +257,10 @@ pub fn show(run: &Path, outcome: &Outcome<Trained>, ui: &Ui) -> Result<(), CliEr
             )
         });
         let Some((l1, ssim)) = t.l1.zip(t.ssim) else {
-            return format!("no splats are trained: the surface is that of matching\n{}", cameras.trim_end());
+            return format!(
+                "no splats trained: the surface comes from matching alone\n{}",
+                cameras.trim_end()
+            );
         };
         format!(
             "trained {} iterations in {:.0} s: {} splats at the start, {} at the end\n{cameras}\

@@ -7,9 +7,9 @@ use std::process::{Command, Stdio};
 
 /// Show a run in the browser: splats, mesh, surface model, sparse points and cameras
 ///
-/// The page turns, switches layers, reads map coordinates under the pointer and measures between two points. It is served to
-/// this machine alone until Ctrl-C; nothing is loaded from the network. With --html it is one file, which can be passed on
-/// and opens without satgs.
+/// On the page you can turn the scene, switch layers, read map coordinates under the pointer and measure between two points.
+/// It is served only to this machine, until Ctrl-C; nothing is loaded from the network. With --html it is one file, which
+/// opens without satgs.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`, or of a tile

@@ -123,7 +123,7 @@ impl Imaging {
             "expected of recipe `best` with {views} views: {error}; {time} with {threads} threads, {gigabytes:.1} GB of memory"
         );
         if views <= FEW_VIEWS {
-            out += "; what no two views show is filled from around and has 0 views in confidence.tif";
+            out += "; what no two views show is filled in and has 0 views in confidence.tif";
         }
         out
     }

@@ -24,7 +24,7 @@ pub enum ExportError {
     },
     /// The area or its heights have no extent, or a view looks along the ground.
     #[error("view `{view}`: no pinhole camera fits its camera over the area and the heights of the run")]
-    #[diagnostic(help("`satgs train RUN --overwrite` writes cameras.json anew"))]
+    #[diagnostic(help("`satgs train RUN --overwrite` writes cameras.json again"))]
     NoPinhole {
         /// Name of the view.
         view: String,

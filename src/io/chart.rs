@@ -149,7 +149,7 @@ impl ChartAxis {
         if low > high {
             return None;
         }
-        let wide = if high > low { high - low } else { 1.0 };
+        let wide = if high > low { high - low } else { f64::max(1.0, 0.1 * low.abs()) };
         // The distance between ticks is 1, 2 or 5 times a power of ten.
         let raw = wide / TICKS;
         let power = 10f64.powf(raw.log10().floor());

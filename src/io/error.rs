@@ -55,11 +55,14 @@ impl miette::Diagnostic for WriteError {
         let closed = [io::ErrorKind::ReadOnlyFilesystem, io::ErrorKind::PermissionDenied];
         if self.is_full() {
             return Some(Box::new(
-                "the disk is full: what is complete is kept; free space, and the same command goes on from there",
+                "the disk is full: what is complete is kept; free space, and the same command continues",
             ));
         }
-        self.is_of(&closed, &["Read-only file system", "Permission denied"]).then(|| {
-            Box::new("nothing may be written there: choose another folder, such as -o ~/run") as Box<_>
+        let closed = self.is_of(&closed, &["Read-only file system", "Permission denied"]);
+        // The folder of the file cannot be made, as in /proc.
+        let absent = self.is_of(&[io::ErrorKind::NotFound], &[]);
+        (closed || absent).then(|| {
+            Box::new("nothing can be written there: choose another folder, such as -o ~/run") as Box<_>
         })
     }
 }

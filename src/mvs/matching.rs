@@ -1,13 +1,15 @@
 //! The plane sweep's passes: matching, and refinement with the trained splats as a prior.
 
 use super::correlation::CostVolume;
+use super::pairs::MatchError;
 use super::plane_sweep::PlaneSweep;
 use super::semiglobal::{self, P2, Penalties};
 use super::stereo::{self, FEW_VIEWS};
 use super::surface::MatchedSurface;
 use super::visibility::Visibility;
+use crate::checkpoint::PartStore;
 use crate::io::Grid2;
-use crate::progress::{Event, Interrupted, Progress};
+use crate::progress::{Event, Progress};
 use rayon::prelude::*;
 
 /// Number of passes; all but the first leave out views from which a cell is occluded.
@@ -37,21 +39,35 @@ const P2_REFINEMENT: u16 = 60;
 const FAR_COST: u8 = 40;
 
 impl PlaneSweep {
-    /// Matches the views.
+    /// Matches the views. Passes and maps that are found go to `parts`, and are taken from there.
     ///
     /// # Errors
-    /// [`Interrupted`] when `progress` cancels.
-    pub fn run(&self, progress: &dyn Progress) -> Result<MatchedSurface, Interrupted> {
+    /// [`MatchError::Interrupted`] when `progress` cancels, [`MatchError::Write`] when a part cannot be stored.
+    pub fn run(
+        &self,
+        parts: Option<&PartStore>,
+        progress: &dyn Progress,
+    ) -> Result<MatchedSurface, MatchError> {
         if self.images.len() <= FEW_VIEWS {
-            return stereo::match_views(self, progress);
+            return stereo::match_views(self, parts, progress);
         }
         progress.event(Event::Started { stage: "matching the surface", total: PASSES });
-        let mut surface = self.optimized(&self.near_candidates(None), P2_MATCHING);
+        let matched = |pass: u64, before: Option<&MatchedSurface>| {
+            let rasters = PartStore::part(parts, &format!("pass_{pass}"), "", || {
+                let visibility = before.map(|s| Visibility::new(self, &s.altitude, &s.confident()));
+                let found = self.optimized(&self.near_candidates(visibility.as_ref()), P2_MATCHING);
+                Ok::<_, MatchError>((found.altitude, found.score))
+            });
+            rasters.map(|rasters| self.unweighted(rasters))
+        };
+        let mut surface = matched(0, None)?;
         for pass in 1..PASSES {
             progress.event(Event::Advanced { done: pass, status: String::new() });
             progress.check()?;
-            let visibility = Visibility::new(self, &surface.altitude, &surface.confident());
-            surface = self.optimized(&self.near_candidates(Some(&visibility)), P2_MATCHING);
+            surface = matched(pass, Some(&surface))?;
+        }
+        if let Some(parts) = parts {
+            parts.tell(progress);
         }
         surface.prior_weight = self.prior_weight(&surface);
         progress.event(Event::Finished);
@@ -181,13 +197,12 @@ impl PlaneSweep {
         let found: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = found.into_iter().unzip();
         let raster = |data: Vec<f32>| Grid2 { width, height, data };
-        let prior_weight = Grid2::filled(width, height, 0.0);
-        MatchedSurface {
-            site: self.site,
-            grid: self.grid,
-            altitude: raster(altitude),
-            score: raster(score),
-            prior_weight,
-        }
+        self.unweighted((raster(altitude), raster(score)))
+    }
+
+    /// The surface of altitudes and scores, with prior weights of 0.
+    fn unweighted(&self, (altitude, score): (Grid2, Grid2)) -> MatchedSurface {
+        let prior_weight = Grid2::filled(self.grid.width, self.grid.height, 0.0);
+        MatchedSurface { site: self.site, grid: self.grid, altitude, score, prior_weight }
     }
 }

@@ -1,6 +1,9 @@
 //! Which pairs of views can be matched.
 
 use crate::affine::TrainingView;
+use crate::fault::ErrorKind;
+use crate::io::WriteError;
+use crate::progress::Interrupted;
 use std::ops::Range;
 
 /// Parallaxes (ground displacement per metre of height, see
@@ -43,9 +46,27 @@ pub enum MatchError {
         /// The largest angle of convergence, degrees.
         most_deg: f64,
     },
+    /// What is matched could not be stored.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
+    /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Interrupted(#[from] Interrupted),
 }
 
 impl MatchError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::FewViews { .. } | Self::NoPair { .. } => ErrorKind::Input,
+            Self::Write(e) => e.kind(),
+            Self::Interrupted(_) => ErrorKind::Interrupted,
+        }
+    }
+
     /// The error for views of which no two can be matched.
     #[must_use]
     pub fn no_pair(views: &[TrainingView]) -> Self {

@@ -8,6 +8,7 @@ use super::ray_costs::{RayCosts, Rays};
 use super::semiglobal::{self, P2, Penalties};
 use crate::io::{Grid2, Window};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Penalty of semi-global matching for a difference of one plane between neighbouring pixels, in the unit of
@@ -21,6 +22,7 @@ const P2_RANGE: Range<f32> = 40.0..150.0;
 const P2_HALVING_EDGE: f32 = 0.2;
 
 /// Where the surface lies on the rays of a view's pixels.
+#[derive(Serialize, Deserialize)]
 pub(super) struct RayMap {
     /// An altitude (site metres) or an inverse depth; NaN where there is none.
     pub value: Grid2,

@@ -113,7 +113,7 @@ fn share_right(surface: &MatchedSurface) -> f64 {
 fn a_block_and_the_ground_around_it_are_found() {
     let views = views(texture);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
-    let surface = sweep.run(&NoProgress).unwrap();
+    let surface = sweep.run(None, &NoProgress).unwrap();
     assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
     assert!(surface.score.data.iter().filter(|s| **s > CONFIDENT).count() * 2 > surface.score.data.len());
 }
@@ -121,13 +121,13 @@ fn a_block_and_the_ground_around_it_are_found() {
 #[test]
 fn cameras_with_a_quadratic_term_find_the_same_surface() {
     let views: Vec<_> = SLOPES.into_iter().map(|slope| curved_view(slope, texture)).collect();
-    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(None, &NoProgress).unwrap();
     assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
 }
 
 #[test]
 fn a_scene_without_sparse_points_is_matched_over_the_altitudes_that_are_searched() {
-    let surface = PlaneSweep::new(&setup(), &views(texture), &[]).unwrap().run(&NoProgress).unwrap();
+    let surface = PlaneSweep::new(&setup(), &views(texture), &[]).unwrap().run(None, &NoProgress).unwrap();
     assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
 }
 
@@ -158,7 +158,7 @@ fn found(relief: fn(f64, f64) -> f64, slopes: &[[f64; 2]], half_m: f64, searched
     let is_ground = |p: &Point<Site>| relief(p.x(), p.y()) == 0.0;
     let sparse: Vec<Point<Site>> = sparse().into_iter().map(|p| p.at_height(0.0)).filter(is_ground).collect();
     let scene = SiteScene { searched, ..setup() };
-    let surface = PlaneSweep::new(&scene, &views, &sparse).unwrap().run(&NoProgress).unwrap();
+    let surface = PlaneSweep::new(&scene, &views, &sparse).unwrap().run(None, &NoProgress).unwrap();
     let (width, height) = (surface.grid.width, surface.grid.height);
     let cells = (0..width * height).map(|i| (i, surface.point(i % width, i / width)));
     let meant: Vec<_> = cells.filter(|(_, p)| p.x().abs() < half_m && p.y().abs() < half_m).collect();
@@ -185,7 +185,7 @@ fn cells_whose_best_altitude_lies_at_an_end_of_the_range_are_not_confident() {
     for slopes in [&SLOPES[..], &PAIR[..]] {
         let views: Vec<TrainingView> = slopes.iter().map(|slope| of(*slope)).collect();
         let scene = SiteScene { searched: (-5.0, 9.0), ..setup() };
-        let surface = PlaneSweep::new(&scene, &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+        let surface = PlaneSweep::new(&scene, &views, &sparse()).unwrap().run(None, &NoProgress).unwrap();
         let seen = surface.score.data.iter().filter(|s| **s > CONFIDENT).count();
         let share = seen as f64 / surface.score.data.len() as f64;
         assert!(share < 0.2, "{} views: {share}", slopes.len());
@@ -204,7 +204,7 @@ fn raised(sweep: &PlaneSweep, up: f64) -> Grid2 {
 fn textureless_cells_follow_the_prior_if_there_is_no_first_surface() {
     let views = views(textureless);
     let mut sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
-    let mut first = sweep.run(&NoProgress).unwrap();
+    let mut first = sweep.run(None, &NoProgress).unwrap();
     first.altitude.data.fill(f32::NAN);
     let prior = raised(&sweep, 0.0);
     let surface = sweep.refine(&prior, &first);
@@ -215,7 +215,7 @@ fn textureless_cells_follow_the_prior_if_there_is_no_first_surface() {
 fn textureless_cells_stay_on_the_first_surface_if_training_drifted() {
     let views = views(textureless);
     let mut sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
-    let mut first = sweep.run(&NoProgress).unwrap();
+    let mut first = sweep.run(None, &NoProgress).unwrap();
     first.altitude = raised(&sweep, 0.0);
     let prior = raised(&sweep, 4.0);
     let surface = sweep.refine(&prior, &first);
@@ -244,7 +244,7 @@ fn a_prior_is_used_near_the_first_surface_and_where_views_see_it() {
 fn the_prior_weight_is_high_only_where_a_textureless_roof_is_interpolated_from_its_edges() {
     let of = |paint: Paint| {
         let views = views(paint);
-        PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap()
+        PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(None, &NoProgress).unwrap()
     };
     let mean = |surface: &MatchedSurface, is_meant: fn(Point<Site>) -> bool| {
         let (width, cells) = (surface.grid.width, surface.prior_weight.data.iter().enumerate());

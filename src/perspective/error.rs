@@ -47,7 +47,7 @@ pub enum PerspectiveError {
     },
     /// A binary file ends too early.
     #[error("`{path}` ends in {field}: {needed} more bytes are needed, {left} are left")]
-    #[diagnostic(help("is the file complete? copy it again, or write the model anew"))]
+    #[diagnostic(help("is the file complete? copy it again, or write the model again"))]
     CutShort {
         /// The file.
         path: PathBuf,

@@ -206,7 +206,7 @@ pub(super) fn fit_positions(
     }
     if up > UPWARDS {
         warnings.push(format!(
-            "the cameras look upwards, by {:.0}° on average: are easting and northing, or longitude and latitude, exchanged?",
+            "the cameras look upwards, by {:.0}° on average: are easting and northing, or longitude and latitude, swapped?",
             up.min(1.0).asin().to_degrees()
         ));
     }

@@ -100,7 +100,7 @@ impl fmt::Display for PoseFinding {
                 100.0 * agree
             ),
             Self::Exchanged { views: [a, b] } => {
-                write!(f, "the images of `{a}` and `{b}` are exchanged: each fits the pose of the other")
+                write!(f, "the images of `{a}` and `{b}` are swapped: each fits the pose of the other")
             }
             Self::Misplaced { view, px: Some(px) } => {
                 write!(

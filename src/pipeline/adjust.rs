@@ -7,14 +7,15 @@ use super::run_folder::stage::{Fingerprint, Stage, hash, hash_file, or_none};
 use super::run_folder::tiled::require_no_tile;
 use super::{PipelineError, RunLock, outdated, read_scene, relocation};
 use crate::bundle::{
-    self, Adjustment, BundleOptions, CellStore, ControlPoint, CorrectionModel, HeightPrior, LeftOut, Report,
+    self, Adjustment, BundleOptions, ControlPoint, CorrectionModel, HeightPrior, LeftOut, Report,
     SparsePoint, check_control, delivered_control_pairs, read_control, stated_accuracy_m,
 };
+use crate::checkpoint::PartStore;
 use crate::coregister::{CoregisterError, Shift, to_control};
 use crate::frame::SiteGrid;
 use crate::io::{VerticalReference, write_json};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
+use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, MATCHING, SCENE, SPARSE_POINTS};
 use crate::scene::{self, HeightSource, Scene, SearchedHeights};
 use crate::stats::quantile;
 use serde::{Deserialize, Serialize};
@@ -133,6 +134,7 @@ pub(crate) fn adjust_locked(
         check_control(path, &control, scene)?;
         tell_of_control(path, &control, scene, progress)?;
     }
+    let store = PartStore::new(&folder, scene_hash);
     let sigma_m = options.dem.as_ref().and_then(|dem| dem.sigma_m);
     let choices = BundleOptions {
         fixed: options.fixed,
@@ -142,7 +144,7 @@ pub(crate) fn adjust_locked(
         reference: options.reference_views.clone(),
         height_prior: dem.zip(sigma_m).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
         cell_m: None,
-        cell_store: Some(CellStore { folder: folder.join("cells"), scene_hash }),
+        store: Some(store.clone()),
     };
     let adjustment = bundle::adjust(scene, &choices, progress)?;
     if let Some(heights) = heights {
@@ -158,6 +160,7 @@ pub(crate) fn adjust_locked(
     let seconds = started.elapsed().as_secs_f64();
     // The other figures are in the report, which alignment changes.
     stage.complete(&Timing { seconds })?;
+    store.within(MATCHING).remove();
     Ok(Adjusted { report: adjustment.report, gamma, seconds: Some(seconds), was_complete: false })
 }
 

@@ -238,10 +238,12 @@ pub(crate) fn before_training(
     Product::add_those_of(made, &mut products);
     products.iter().try_for_each(|product| product.write(run, &surface, &heights))?;
     write_item(run)?;
-    let files = [DSM, CONFIDENCE, ORTHO].map(|name| format!("`{}`", run.join(name).display()));
+    let [dsm, confidence, ortho] = [DSM, CONFIDENCE, ORTHO].map(|name| run.join(name));
     progress.event(Event::Note(format!(
-        "{} are written; training changes the colours of the last one, and no height",
-        files.join(", ")
+        "`{}`, `{}` and `{}` are written; training will change only the colours of the orthophoto",
+        dsm.display(),
+        confidence.display(),
+        ortho.display()
     )));
     Ok(())
 }

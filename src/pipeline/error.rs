@@ -110,7 +110,7 @@ pub enum PipelineError {
     },
     /// Training was interrupted; its checkpoint is written.
     #[error("interrupted after {iterations} iterations")]
-    #[diagnostic(help("the same command goes on from `{}`", checkpoint.display()))]
+    #[diagnostic(help("the same command continues from `{}`", checkpoint.display()))]
     TrainingInterrupted {
         /// Iterations that are done.
         iterations: usize,
@@ -136,7 +136,7 @@ pub enum PipelineError {
     /// The folder is a tile, which only the plan's jobs may change.
     #[error("`{folder}` is a tile of `{run}`, with whose other tiles it must agree")]
     #[diagnostic(help(
-        "`satgs plan SCENE -o RUN --overwrite` with other options, or `satgs run`, makes all tiles anew"
+        "`satgs plan SCENE -o RUN --overwrite` with other options, or `satgs run`, makes all tiles again"
     ))]
     Tile {
         /// The folder of the tile.
@@ -240,7 +240,7 @@ pub enum PipelineError {
     },
     /// `scene.json` and `cameras.json` do not hold the same views.
     #[error("`{run}/scene.json` has no view `{name}` with the camera that `{run}/cameras.json` has")]
-    #[diagnostic(help("`satgs train RUN --overwrite` writes cameras.json anew"))]
+    #[diagnostic(help("`satgs train RUN --overwrite` writes cameras.json again"))]
     ViewNotInScene {
         /// The run folder.
         run: PathBuf,
@@ -362,6 +362,7 @@ pub enum PipelineError {
     },
     /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
     #[error(transparent)]
+    #[diagnostic(transparent)]
     Interrupted(#[from] Interrupted),
     /// See [`WriteError`].
     #[error(transparent)]
@@ -521,6 +522,7 @@ impl PipelineError {
             Self::Prior(e) => e.kind(),
             Self::Simulate(e) => e.kind(),
             Self::Bundle(e) => e.kind(),
+            Self::Match(e) => e.kind(),
             Self::Site(e) => e.kind(),
             Self::Feature(e) => e.kind(),
             Self::Backend(e) => e.kind(),
@@ -575,7 +577,6 @@ impl PipelineError {
             | Self::Frame(_)
             | Self::Rpc(_)
             | Self::Fit(_)
-            | Self::Match(_)
             | Self::Recipe(_)
             | Self::Checkpoint(_)
             | Self::Ply(_)

@@ -46,7 +46,7 @@ pub(super) fn after_training(run: &Path, progress: &dyn Progress) -> Result<(), 
     let gone = removed(run, [NVS_SCORES].into_iter().chain(meshes()).map(PathBuf::from))?;
     say(
         &gone,
-        "are of the splats before and are removed; `satgs nvs-eval` and `satgs mesh` make them anew",
+        "belong to the old splats and are removed; `satgs nvs-eval` and `satgs mesh` make them again",
         progress,
     );
     Ok(())
@@ -62,8 +62,7 @@ pub(super) fn after_move(run: &Path, progress: &dyn Progress) -> Result<(), Pipe
     let moves = |path: &PathBuf| MOVED.iter().any(|name| path == Path::new(name));
     let products = Products::all(run).into_iter().filter(|path| !moves(path));
     let gone = removed(run, products.chain(meshes().map(PathBuf::from)))?;
-    let text =
-        "are where the run was before and are removed; `satgs dsm RUN` and `satgs mesh RUN` make them anew";
+    let text = "show the old position and are removed; `satgs dsm RUN` and `satgs mesh RUN` make them again";
     say(&gone, text, progress);
     remove_scores(run, "from before the move", progress)
 }

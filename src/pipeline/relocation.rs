@@ -47,7 +47,7 @@ impl Record {
     pub fn read(run: &Path) -> Result<Option<Self>, PipelineError> {
         let path = run.join(RECORD);
         let read = path.exists().then(|| read_json(&path)).transpose();
-        let made_by = "`satgs align RUN --to REFERENCE` makes it anew once it is removed";
+        let made_by = "`satgs align RUN --to REFERENCE` makes it again once it is removed";
         read.map_err(|source| PipelineError::RunFile { source, made_by })
     }
 }

@@ -96,7 +96,7 @@ fn dates(run: &Path) -> Result<Option<(String, String)>, PipelineError> {
     if perspective_manifest::is_run(run) || !run.join(SCENE).exists() {
         return Ok(None);
     }
-    let made_by = "`satgs ba SCENE -o RUN --overwrite` makes it anew";
+    let made_by = "`satgs ba SCENE -o RUN --overwrite` makes it again";
     let scene: Scene =
         read_json(&run.join(SCENE)).map_err(|source| PipelineError::RunFile { source, made_by })?;
     let trained = scene.views.iter().filter(|view| view.role == Role::Train);

@@ -102,7 +102,7 @@ impl<'a> TrainingStage<'a> {
         }
         let done = checkpoint.log.len();
         self.progress
-            .event(Event::Note(format!("going on from `{}` after {done} iterations", path.display())));
+            .event(Event::Note(format!("continuing from `{}` after {done} iterations", path.display())));
         let Checkpoint { splats_at_start, log, state, .. } = checkpoint;
         Ok(Some(TrainingSoFar { splats_at_start, log: log.into_owned(), state: state.into_owned() }))
     }
@@ -126,11 +126,11 @@ impl<'a> TrainingStage<'a> {
     ) -> Result<(M, TrainingSoFar), PipelineError> {
         let TrainingSoFar { splats_at_start, mut log, state } = so_far;
         let mut backend = CpuBackend::new(views, state)?;
-        let is_picture_due = |done: u32| {
-            let all = schedule.recipe.iterations;
-            snapshot.is_some() && pictures::is_snapshot_due(self.options.snapshots, done, all)
-        };
-        let is_checkpoint_due = |done: u32| done.is_multiple_of(self.options.checkpoint_every);
+        let all = schedule.recipe.iterations;
+        let is_picture_due =
+            |done: u32| snapshot.is_some() && pictures::is_snapshot_due(self.options.snapshots, done, all);
+        // That of the last iteration is for what follows, such as matching with the trained splats.
+        let is_checkpoint_due = |done: u32| done == all || done.is_multiple_of(self.options.checkpoint_every);
         let is_due = |done: u32| is_picture_due(done) || is_checkpoint_due(done);
         self.progress.event(Event::Resumable(true));
         train(&mut backend, schedule, &mut log, self.progress, is_due, |backend, log| {

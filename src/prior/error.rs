@@ -21,7 +21,7 @@ pub enum PriorError {
     },
     /// There is no file for any training view.
     #[error("`{folder}` has no file for any of the {views} training views, such as `{example}.npy`")]
-    #[diagnostic(help("files are called as the images are, and end in .npy, .png, .tif or .tiff"))]
+    #[diagnostic(help("files have the names of the images, and end in .npy, .png, .tif or .tiff"))]
     NoFiles {
         /// The folder.
         folder: PathBuf,
@@ -52,12 +52,12 @@ pub enum PriorError {
     },
     /// Depths and points of the scene contradict each other.
     #[error(
-        "the values of `{folder}` are said to be {kind}, but grow with the opposite of it: their correlation with the \
+        "`{folder}` is stated to hold {kind}, but its values grow in the opposite direction: their correlation with the \
          scene's points is {correlation:.2}"
     )]
     #[diagnostic(help(
-        "--prior-kind disparity is of values that are larger where the scene is nearer, relative and metric of those that \
-         are larger where it is farther"
+        "use --prior-kind disparity if values are larger where the scene is nearer, relative or metric if they are larger where it \
+         is farther"
     ))]
     Opposite {
         /// The folder.
@@ -192,7 +192,7 @@ pub enum PriorError {
     },
     /// A command ends with an error.
     #[error("`{command}` failed for `{image}` ({status}): {said}")]
-    #[diagnostic(help("what was made so far is kept; the same call of satgs goes on with the next image"))]
+    #[diagnostic(help("what was made so far is kept; the same command continues with the next image"))]
     CommandFailed {
         /// The command.
         command: String,
@@ -259,7 +259,7 @@ pub enum PriorError {
     },
     /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
     #[error("interrupted after {made} of {total} maps")]
-    #[diagnostic(help("the same command goes on with the next one"))]
+    #[diagnostic(help("what is done is kept: the same command continues"))]
     Interrupted {
         /// Maps that are made.
         made: usize,

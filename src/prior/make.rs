@@ -8,9 +8,11 @@ use super::network::PriorNetwork;
 use super::process::LIMIT;
 use super::source::PriorMaker;
 use super::stereo::stereo_maps;
+use crate::checkpoint::PartStore;
 use crate::io::{Grid2, NpyArray, ReadError, WriteError, read_json, remove_if_there, vsi, write_json};
 use crate::perspective::PerspectiveView;
 use crate::progress::{Event, Progress};
+use crate::run_files::MATCHING;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -108,6 +110,7 @@ impl Work<'_> {
         // Without a record, or with a damaged one, no map is known.
         let mut record: Record = read_json(&path).unwrap_or_default();
         let hashes = self.hashes(views)?;
+        let parts = PartStore::new(self.folder.join(MATCHING), hashes.concat());
         let is_kept = |(view, hash): &(&PerspectiveView, String)| {
             let is_there = record.maps.get(&view.name) == Some(hash) && self.file(view).is_some();
             existing != ExistingMaps::Replace && is_there
@@ -138,9 +141,12 @@ impl Work<'_> {
         // What is made is kept, so that the same call goes on.
         progress.event(Event::Resumable(true));
         progress.event(Event::Started { stage, total: missing.len() as u64 });
-        let result = self.make_missing(views, &missing, &mut record, &mut done, progress);
+        let result = self.make_missing(views, &missing, &parts, &mut record, &mut done, progress);
         progress.event(Event::Finished);
         progress.event(Event::Resumable(false));
+        if result.is_ok() {
+            parts.remove();
+        }
         result.map(|()| done)
     }
 
@@ -149,6 +155,7 @@ impl Work<'_> {
         &self,
         views: &[&PerspectiveView],
         missing: &[(&PerspectiveView, String)],
+        parts: &PartStore,
         record: &mut Record,
         done: &mut MadeMaps,
         progress: &dyn Progress,
@@ -157,7 +164,7 @@ impl Work<'_> {
             PriorMaker::Network(path) => Loaded::Network(Box::new(PriorNetwork::load(path, self.content)?)),
             PriorMaker::Command(command) => Loaded::Command(command),
             PriorMaker::Stereo => {
-                let maps = stereo_maps(views, progress)?.into_iter().zip(views);
+                let maps = stereo_maps(views, parts, progress)?.into_iter().zip(views);
                 let is_missing = |name: &str| missing.iter().any(|(view, _)| view.name == name);
                 let maps: Vec<Grid2> =
                     maps.filter(|(_, view)| is_missing(&view.name)).map(|(map, _)| map).collect();

@@ -75,14 +75,13 @@ pub fn bring_together(
     progress.event(Event::Finished);
     if left > 0 {
         progress.event(Event::Note(format!(
-            "depths of {left} views stay as they are: the views see fewer than {FEWEST_POINTS} points of the scene, or no scale and \
-             shift bring half of their values to these"
+            "depths of {left} views are not aligned: the views see fewer than {FEWEST_POINTS} points of the scene, or no scale and \
+             shift fit half of these"
         )));
     }
     if let Some(change) = quantile(changes.clone(), 0.5) {
         progress.event(Event::Note(format!(
-            "depths of {} views are aligned with the points that these see, carried on by normals and brought together, which changes \
-             them by {:.1} % (median)",
+            "depths of {} views are aligned with the points that they see and with each other, which changes them by {:.1} % (median)",
             changes.len(),
             100.0 * change
         )));

@@ -2,8 +2,9 @@
 
 use super::error::PriorError;
 use super::map::DepthPrior;
+use crate::checkpoint::PartStore;
 use crate::io::Grid2;
-use crate::mvs::{MatchedPoint, Photograph, match_photographs, matched_points};
+use crate::mvs::{MatchError, MatchedPoint, Photograph, match_photographs, matched_points};
 use crate::perspective::{PerspectiveError, PerspectiveView, PinholeCamera, ScenePoint, ViewImage};
 use crate::progress::{Event, Progress};
 use glam::DVec2;
@@ -13,12 +14,14 @@ use rayon::prelude::*;
 const AVERAGED: i64 = 3;
 
 /// For each view its depths in the unit of the scene, NaN where they are not known, in a map of the image file: with the distortion
-/// of its lens, at the size at which views are matched.
+/// of its lens, at the size at which views are matched. What is found goes to `parts`, and is taken from there.
 ///
 /// # Errors
-/// [`PriorError::Image`] if an image cannot be read, [`PriorError::Interrupted`] if `progress` asks to stop.
+/// [`PriorError::Image`] if an image cannot be read, [`PriorError::Write`] if a part cannot be stored, [`PriorError::Interrupted`] if
+/// `progress` asks to stop.
 pub(super) fn stereo_maps(
     views: &[&PerspectiveView],
+    parts: &PartStore,
     progress: &dyn Progress,
 ) -> Result<Vec<Grid2>, PriorError> {
     let interrupted = || PriorError::Interrupted { made: 0, total: views.len() };
@@ -40,7 +43,10 @@ pub(super) fn stereo_maps(
     }
     progress.event(Event::Finished);
     let cameras: Vec<PinholeCamera> = photographs.iter().map(|p| *p.camera()).collect();
-    let found = match_photographs(photographs, progress).map_err(|_| interrupted())?;
+    let found = match_photographs(photographs, Some(parts), progress).map_err(|e| match e {
+        MatchError::Write(e) => e.into(),
+        _ => interrupted(),
+    })?;
     let all = views.par_iter().zip(&cameras).zip(&found);
     Ok(all.map(|((view, camera), depth)| of_file(view, camera, depth)).collect())
 }

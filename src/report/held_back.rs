@@ -35,9 +35,9 @@ pub(super) fn held_back(run: &Path) -> Result<String, ReportError> {
     let shown = match scores["protocol"].as_str() {
         Some(protocol) => {
             let _ = writeln!(out, "<p>Protocol: {}.</p>", escape_xml(protocol));
-            "image, render, difference (white is none), share of sunlight"
+            "image, rendering, difference (white is none), share of sunlight"
         }
-        None => "image, render, difference (white is none)",
+        None => "image, rendering, difference (white is none)",
     };
     for (i, view) in views.iter().enumerate() {
         let path = run.join(format!("{NVS_PICTURES}/{i:04}.png"));

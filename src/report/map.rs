@@ -93,13 +93,12 @@ pub(super) fn confidence(heights: &Grid2, views: &Grid2, grid: &MapGrid) -> Resu
         _ => CONFIDENCE[0].0,
     };
     let rgb: Vec<u8> = heights.data.iter().zip(&views.data).flat_map(pixel).collect();
-    let alt = "Map of what heights rest on: filled in, or confirmed by two, three, four or more views";
+    let alt = "Map of the cells: filled in, or confirmed by two, three, four or more views";
     let mut legend = String::from("<div class=\"legend swatches\">");
     for ([r, g, b], text) in CONFIDENCE.iter().chain([&(NOTHING, "no height")]) {
         let _ = write!(legend, "<span><i style=\"background:rgb({r},{g},{b})\"></i>{text}</span>");
     }
     legend.push_str("</div>\n");
-    let caption = "What heights rest on: the number of views that see the cell; heights that fewer than two views see are filled \
-                   in from the cells around";
+    let caption = "Number of views that see each cell; heights that fewer than two views see are filled in from their surroundings";
     Ok(figure(&img(grid.width, grid.height, &rgb, alt, "")?, grid, &legend, caption))
 }

@@ -23,11 +23,14 @@ pub(super) fn views(run: &Path) -> Result<String, ReportError> {
     let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     let views = scene["views"].as_array().cloned().unwrap_or_default();
     let mut out = format!(
-        "<p>{} views ({}), {} points; images at 1/{} of their size. {}</p>\n",
+        "<p>{} views ({}), {} points{}. {}</p>\n",
         views.len(),
         escape_xml(&text(&scene["layout"])),
         scene["points"],
-        scene["options"]["downsampling"],
+        match scene["options"]["downsampling"].as_u64() {
+            Some(factor) if factor > 1 => format!("; images at 1/{factor} of their size"),
+            _ => String::new(),
+        },
         match scene["georeference"]["grid"]["epsg"].as_u64() {
             Some(epsg) => format!("Positions are in metres of EPSG:{epsg}."),
             None => "Positions are in the frame of the scene's own files.".to_owned(),

@@ -104,7 +104,7 @@ fn expected_fact(scene: &Scene, made_from: &Value) -> Option<Fact> {
     };
     let expected = imaging.expectation();
     let meaning = format!(
-        "mean expected of {} views, from simulated towns{}; --truth scores it",
+        "expected mean with {} views, from simulated towns{}; --truth scores it",
         imaging.views,
         if expected.is_measured { "" } else { ", with a better convergence than here" }
     );
@@ -119,7 +119,8 @@ fn is_as_measured(made_from: &Value, best: &Recipe, views: usize) -> bool {
 }
 
 fn surface_fact(counts: &CellCounts) -> Fact {
-    let percent = |cells: u64| format!("{:.0} %", 100.0 * cells as f64 / counts.all.max(1) as f64);
+    // With a no-break space.
+    let percent = |cells: u64| format!("{:.0}\u{a0}%", 100.0 * cells as f64 / counts.all.max(1) as f64);
     match (counts.confirmed, counts.filled) {
         (Some(confirmed), Some(filled)) => {
             let meaning = format!(
@@ -159,13 +160,13 @@ fn attention(
     let last = scores.and_then(|s| s["registered_scores"].as_array()?.last());
     if let Some(complete) = last.and_then(|s| s["completeness"].as_f64()).filter(|c| *c < COMPLETE) {
         items.push(format!(
-            "the surface covers {:.1} % of the land of the truth: mean errors leave out what is difficult",
+            "the surface covers only {:.1} % of the land of the truth: mean errors leave out difficult places",
             100.0 * complete
         ));
     }
     if report.is_some_and(|report| report.rank_defect > 0) {
         items.push(
-            "tie points do not fix the place of the scene: it is that of the delivered cameras, in general some metres off \
+            "tie points do not determine the position of the scene: it is that of the delivered cameras, usually some metres off \
              (satgs align, --gcps or --dem-sigma fix it)"
                 .into(),
         );

@@ -61,9 +61,9 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
 }
 
 /// Explanation of the columns of the table of scores.
-pub const SCORE_NOTE: &str = "σ: standard deviation, – where the heights do not tell it; confirmed: cells that two views or more see; filled: the other \
-     predicted cells, whose heights are those of cells around them; no holes: MAE with holes filled by the nearest cell; median: \
-     of |error|; <: % of cells; complete: predicted cells / cells of land; parts of the land: after xyz";
+pub const SCORE_NOTE: &str = "σ: standard deviation, – where the heights do not determine it; confirmed: cells that two views or more see; filled: the other \
+     cells, filled in from their surroundings; no holes: MAE with holes filled by the nearest cell; median: of |error|; <: % of cells \
+     with a smaller error; complete: predicted cells / cells of land; parts of the land: after xyz";
 
 /// A sentence about the expected errors of a prediction; none if it has none. `evaluation` is the content of `metrics.json`.
 #[must_use]
@@ -73,7 +73,7 @@ pub fn expected_error_text(evaluation: &Value) -> Option<String> {
     let mean_m = ranking["expected_mae_m"].as_f64()?;
     let large = ranking["large_in_least_sure_fifth"].as_f64().map_or_else(String::new, |share| {
         format!(
-            "; the fifth of the cells with the largest ones has {:.0} % of the errors above 2 m",
+            "; the fifth of the cells with the largest expected errors has {:.0} % of the errors above 2 m",
             100.0 * share
         )
     });

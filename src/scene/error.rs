@@ -278,7 +278,7 @@ pub enum SceneError {
     /// No view sees the area of interest.
     #[error("no view sees the area ({area}); the first sees {footprint}")]
     #[diagnostic(help(
-        "{}", if *is_swapped { "longitude and latitude are exchanged: --aoi is WEST,SOUTH,EAST,NORTH, and GeoJSON has [longitude, latitude]" } else { "`satgs info` without the area lists the footprints; a cropped image needs an RPC that was shifted with the crop" }
+        "{}", if *is_swapped { "longitude and latitude are swapped: --aoi is WEST,SOUTH,EAST,NORTH, and GeoJSON has [longitude, latitude]" } else { "`satgs info` without the area lists the footprints; a cropped image needs an RPC that was shifted with the crop" }
     ))]
     AreaNotSeen {
         /// Whether views see the area once its longitudes and latitudes are exchanged.

@@ -120,20 +120,20 @@ impl Found {
         Some(match self {
             Self::Nothing => return None,
             Self::Photographs { folder, .. } => format!(
-                "find the poses: `satgs-poses {} -o SCENE`, of the Python package (`pip install './python[poses]'`), then \
-                 `satgs run SCENE -o RUN`; or by COLMAP: put the photographs into WORK/images, run `colmap automatic_reconstructor \
-                 --workspace_path WORK --image_path WORK/images --dense 0`, then `satgs run WORK -o RUN`; of satellite images use \
-                 the files as delivered, with their RPC",
+                "find the poses with `satgs-poses {} -o SCENE` of the Python package (`pip install './python[poses]'`), then \
+                 `satgs run SCENE -o RUN`; or with COLMAP: put the photographs into WORK/images, run `colmap automatic_reconstructor \
+                 --workspace_path WORK --image_path WORK/images --dense 0`, then `satgs run WORK -o RUN`. If they are satellite \
+                 images, use the files as delivered, with their RPC",
                 folder.display()
             ),
             Self::Video { path } => format!(
-                "take frames and find their poses: `ffmpeg -i {} -vf fps=2 -qscale:v 2 WORK/images/%04d.jpg`, `satgs-poses \
-                 WORK/images -o WORK` of the Python package or `colmap automatic_reconstructor --workspace_path WORK --image_path \
-                 WORK/images --dense 0`, then `satgs run WORK -o RUN`",
+                "extract frames and find their poses: `mkdir -p WORK/images && ffmpeg -i {} -vf fps=2 -qscale:v 2 \
+                 WORK/images/%04d.jpg`, `satgs-poses WORK/images -o WORK` of the Python package or `colmap automatic_reconstructor \
+                 --workspace_path WORK --image_path WORK/images --dense 0`, then `satgs run WORK -o RUN`",
                 path.display()
             ),
             Self::Archive { inside: Some(inside), .. } => {
-                format!("`{}` reads it in place; unpacked, it is read faster", inside.display())
+                format!("give `{}` to read it in place, or unpack it, which is faster", inside.display())
             }
             Self::Archive { .. } => "unpack it, and give the folder of the scene".into(),
             Self::Below { folder } => format!("give `{}`", folder.display()),

@@ -74,7 +74,7 @@ fn seam_section(
         row("median absolute difference of grey values in a cell, of 255", s.ortho_spread, 1, None),
     ];
     let mut out = format!("<p>{} seams between {} tiles.</p>\n", s.seams, summary.tiles);
-    out.push_str(&report::table("Seams", &["figure", "value", "at most", "kept"], rows.into_iter()));
+    out.push_str(&report::table("Seams", &["figure", "value", "limit", "within limit"], rows.into_iter()));
     let (bands, grid) = report::map_of_page(&run.join(DSM))?;
     let picture = report::shaded(&bands[0], &grid, "Hillshade of the mosaic with the seams")?;
     let limits: Vec<String> = STEP_COLORS.iter().map(|(limit, _)| format!("{limit:.2}")).collect();

@@ -62,7 +62,7 @@ impl PlanOptions {
             return wrong("--overlap", self.overlap_m, "metres, at least four cells of the surface model");
         }
         if !(self.core_m.is_finite() && self.core_m >= CORE_PER_OVERLAP * self.overlap_m) {
-            return wrong("--core", self.core_m, "metres, at least twice the overlap");
+            return wrong("--core", self.core_m, "metres, at least twice the overlap (--overlap)");
         }
         if self.surface.no_fill && self.surface.fill_m.is_some() {
             let found = "given with --fill".into();

@@ -1,7 +1,8 @@
 //! Bundle adjustment of a scene by cells of its ground.
 
 use crate::common::disagreement_px;
-use satgs::bundle::{Adjustment, BundleError, BundleOptions, CellStore, CorrectionModel, adjust};
+use satgs::bundle::{Adjustment, BundleError, BundleOptions, CorrectionModel, adjust};
+use satgs::checkpoint::PartStore;
 use satgs::frame::{Pixel, Point, SiteGrid};
 use satgs::io::SensorImage;
 use satgs::progress::{Event, NoProgress, Recorder};
@@ -31,9 +32,8 @@ fn by_cells() -> BundleOptions {
     BundleOptions { cell_m: Some(CELL_M), ..BundleOptions::default() }
 }
 
-fn stored_in(folder: &Path) -> BundleOptions {
-    let store = CellStore { folder: folder.into(), scene_hash: "of the town".into() };
-    BundleOptions { cell_store: Some(store), ..by_cells() }
+fn stored_in(folder: &Path, town: &str) -> BundleOptions {
+    BundleOptions { store: Some(PartStore::new(folder, town)), ..by_cells() }
 }
 
 fn worst_shift_px(folder: &Path, made: &Adjustment) -> f64 {
@@ -132,7 +132,7 @@ fn an_interrupted_adjustment_goes_on_with_the_cells_it_has_and_damaged_ones_are_
     let expected = pool(1).install(|| files(&scene, &adjust(&scene, &by_cells(), &NoProgress).unwrap()));
 
     let stored = tempfile::tempdir().unwrap();
-    let options = stored_in(&stored.path().join("cells"));
+    let options = stored_in(stored.path(), "a town");
     let stop = Recorder::cancelling(|event| matches!(event, Event::Advanced { done: 2, .. }));
     let error = adjust(&scene, &options, &stop).unwrap_err();
     assert!(matches!(error, BundleError::Interrupted(_)), "{error}");
@@ -154,8 +154,7 @@ fn an_interrupted_adjustment_goes_on_with_the_cells_it_has_and_damaged_ones_are_
     assert!(std::fs::read(&damaged).unwrap() == bytes);
 
     // Tie points of other images are found again.
-    let mut other = options;
-    other.cell_store.as_mut().unwrap().scene_hash = "of another town".into();
+    let other = stored_in(stored.path(), "another town");
     let anew = Recorder::default();
     adjust(&scene, &other, &anew).unwrap();
     assert_eq!(matched(&anew), CELLS);

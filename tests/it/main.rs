@@ -29,6 +29,7 @@ mod export;
 mod guide;
 mod help;
 mod inputs;
+mod interrupted_matching;
 mod layers;
 mod matched_photographs;
 mod mesh;

@@ -82,13 +82,13 @@ fn a_scene_one_folder_deeper_is_named() {
 }
 
 #[test]
-fn exchanged_longitude_and_latitude_are_recognised() {
+fn swapped_longitude_and_latitude_are_recognised() {
     let place = two_views();
-    let exchanged = ["info", name(place.path()), "--aoi", "43.2598,5.4397,43.2602,5.4403"];
-    refused(&exchanged, 2, &["no view sees the area", "longitude and latitude are exchanged"]);
+    let swapped = ["info", name(place.path()), "--aoi", "43.2598,5.4397,43.2602,5.4403"];
+    refused(&swapped, 2, &["no view sees the area", "longitude and latitude are swapped"]);
     let elsewhere = ["info", name(place.path()), "--aoi", "6.1,44.1,6.2,44.2"];
     let error = refused(&elsewhere, 2, &["no view sees the area", "lists the footprints"]);
-    assert!(!error.contains("exchanged"), "{error}");
+    assert!(!error.contains("swapped"), "{error}");
 }
 
 #[test]

@@ -147,7 +147,7 @@ fn exchanged_images_are_named() {
     let frames = frames();
     exchange(&file(frames.path(), 2, "color.png"), &file(frames.path(), 10, "color.png"));
     let said = run(frames.path());
-    let expected = "the images of `frame-000002` and `frame-000010` are exchanged";
+    let expected = "the images of `frame-000002` and `frame-000010` are swapped";
     assert!(said.contains(expected) && said.contains("exchange the names of their files"), "{said}");
 }
 

@@ -105,7 +105,7 @@ fn stops_at_a_signal(town: &Town) {
     assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output));
-    assert!(text(&output).contains("hint: the same command goes on"), "{}", text(&output));
+    assert!(text(&output).contains("hint: the same command continues"), "{}", text(&output));
 }
 
 fn products_are_added(town: &Town) {
@@ -258,7 +258,7 @@ fn a_disk_that_is_full(town: &Town) {
     let fill = vec![0; 16 << 20];
     let _ = std::fs::write(Path::new(&disk).join("fill"), fill);
     let train = ["train", &run, "--recipe", "baeogs", "--iterations", "30", "--overwrite"];
-    refused(&train, 75, &["No space left", "the same command goes on"]);
+    refused(&train, 75, &["No space left", "the same command continues"]);
     assert!(Path::new(&run).join("splats.ply").exists());
 }
 

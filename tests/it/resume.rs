@@ -160,10 +160,10 @@ fn interrupted(runs: &Runs, expected: &[Vec<u8>; 3]) {
     let run = runs.adjusted("interrupted");
     let output = run.interrupted();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output));
-    assert!(text(&output).contains("hint: the same command goes on"), "{}", text(&output));
+    assert!(text(&output).contains("hint: the same command continues"), "{}", text(&output));
     assert!(!run.folder.join("splats.ply").exists());
     let output = run.train(&["--resume"]);
-    assert!(output.status.success() && text(&output).contains("going on from"), "{}", text(&output));
+    assert!(output.status.success() && text(&output).contains("continuing from"), "{}", text(&output));
     assert_same(&run.result(), expected);
 }
 

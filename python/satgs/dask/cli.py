@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}\nhint: tiles that are done are kept; call the same command again", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("interrupted; tiles that are done are kept, the same command goes on", file=sys.stderr)
+        print("interrupted; tiles that are done are kept, the same command continues", file=sys.stderr)
         return 130
     _print(args.run, result)
     return result.exit_code
@@ -65,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         usage="%(prog)s RUN [--local N | --scheduler ADDRESS] [--retries N] [--threads N] [--satgs PATH] "
         "[--only ID ...]",
         description="Makes the tiles of a plan on a Dask cluster, blends them and makes the mosaic. Tiles that are "
-        "done are left as they are, so the same command goes on after an interruption.",
+        "done are left as they are, so the same command continues after an interruption.",
         epilog="Exit codes: 0 done, 1 nothing was made, 2 wrong usage, 3 some tiles failed (they are empty in the "
         "mosaic), 130 interrupted. Workers of a cluster need this package, the program satgs, the same path to RUN, "
         "and the resources tile and MEM: `dask worker SCHEDULER --nthreads 1 --resources tile=1,MEM=4000`, with the "

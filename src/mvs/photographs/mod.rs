@@ -20,11 +20,13 @@ pub use points::{MatchedPoint, matched_points};
 
 use super::consistency::{Check, consistent};
 use super::image::MatchImage;
+use super::pairs::MatchError;
 use super::ray_map::RayMap;
 use super::reference_view::ReferenceView;
+use crate::checkpoint::PartStore;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
-use crate::progress::{Event, Interrupted, Progress};
+use crate::progress::{Event, Progress};
 use neighbours::{best_sources, first_sources};
 use rayon::prelude::*;
 use search::{Resolution, Search};
@@ -65,25 +67,29 @@ impl Photograph {
 }
 
 /// The depths of photographs along the optical axis, in their order: in each pixel of the photograph as it is matched, in the unit of
-/// the cameras; NaN where views do not agree on one.
+/// the cameras; NaN where views do not agree on one. Maps that are found go to `parts`, and are taken from there.
 ///
 /// # Errors
-/// [`Interrupted`] when `progress` cancels.
-pub fn match_photographs(views: Vec<Photograph>, progress: &dyn Progress) -> Result<Vec<Grid2>, Interrupted> {
+/// [`MatchError::Interrupted`] when `progress` cancels, [`MatchError::Write`] when a part cannot be stored.
+pub fn match_photographs(
+    views: Vec<Photograph>,
+    parts: Option<&PartStore>,
+    progress: &dyn Progress,
+) -> Result<Vec<Grid2>, MatchError> {
     progress.event(Event::Started { stage: "matching photographs", total: 3 * views.len() as u64 });
     let fine: Vec<MatchImage<PinholeCamera>> = views.into_iter().map(|view| view.0).collect();
     let coarse: Vec<MatchImage<PinholeCamera>> =
         fine.par_iter().map(|image| image.reduced(coarse_factor(image))).collect();
     let cameras: Vec<PinholeCamera> = fine.iter().map(|image| image.camera).collect();
 
-    let mut steps = Steps { done: 0, progress };
+    let mut steps = Steps { done: 0, parts, progress };
     let first = first_sources(&cameras);
-    let found = steps.search(&coarse, &first, None)?;
+    let found = steps.search("first", &coarse, &first, None)?;
     let seen = found.confirmed(&coarse, COARSE_CHECK);
     let best = best_sources(&coarse, &found.in_order(&seen));
-    let found = steps.search(&coarse, &best, None)?;
+    let found = steps.search("low", &coarse, &best, None)?;
     let seen = found.confirmed(&coarse, COARSE_CHECK);
-    let found = steps.search(&fine, &best, Some(&found.in_order(&seen)))?;
+    let found = steps.search("full", &fine, &best, Some(&found.in_order(&seen)))?;
     let seen = found.confirmed(&fine, CHECK);
     let depths = fine.iter().zip(found.in_order(&seen)).map(|(view, map)| match map {
         Some(RayMap { value: Grid2 { width, height, data }, .. }) => {
@@ -124,37 +130,43 @@ impl Found {
 /// What is done of the matching.
 struct Steps<'a> {
     done: u64,
+    parts: Option<&'a PartStore>,
     progress: &'a dyn Progress,
 }
 
 impl Steps<'_> {
-    /// Matches all views with their source views, near the surface of a search at low resolution if there is one.
+    /// Matches all views with their source views, in a step of this name, near the surface of a search at low resolution if there is one.
     fn search(
         &mut self,
+        step: &str,
         images: &[MatchImage<PinholeCamera>],
         sources: &[Vec<usize>],
         near: Option<&[Option<&RayMap>]>,
-    ) -> Result<Found, Interrupted> {
+    ) -> Result<Found, MatchError> {
         let mut found = Found { references: Vec::new(), maps: Vec::new(), places: vec![None; images.len()] };
         for (view, sources) in sources.iter().enumerate() {
             self.progress.check()?;
             let search = Search::new(images, view, sources);
-            let map = search.and_then(|search| {
-                Some(match near {
-                    None => (search.reference(Resolution::Low), search.everywhere()),
-                    Some(maps) => {
-                        let map = search.near(maps[view]?, coarse_factor(&images[view]));
-                        (search.reference(Resolution::Full), map)
-                    }
-                })
+            let map = |search: &Search| match near {
+                None => Some(search.everywhere()),
+                Some(maps) => Some(search.near(maps[view]?, coarse_factor(&images[view]))),
+            };
+            let resolution = if near.is_none() { Resolution::Low } else { Resolution::Full };
+            let map = search.map(|search| {
+                let name = format!("{step}_{view:03}");
+                let map = PartStore::part(self.parts, &name, "", || Ok::<_, MatchError>(map(&search)))?;
+                Ok::<_, MatchError>(map.map(|map| (search.reference(resolution), map)))
             });
-            if let Some((reference, map)) = map {
+            if let Some((reference, map)) = map.transpose()?.flatten() {
                 found.places[view] = Some(found.maps.len());
                 found.references.push(reference);
                 found.maps.push(map);
             }
             self.done += 1;
             self.progress.event(Event::Advanced { done: self.done, status: String::new() });
+        }
+        if let Some(parts) = self.parts {
+            parts.tell(self.progress);
         }
         Ok(found)
     }

@@ -84,7 +84,7 @@ fn errors(found: &Grid2, truth: &Grid2) -> (f64, f64, f64) {
 #[test]
 fn depths_of_a_room_are_complete_and_exact() {
     let (views, truth): (Vec<_>, Vec<_>) = cameras().into_iter().map(photograph).unzip();
-    let found = match_photographs(views.clone(), &NoProgress).unwrap();
+    let found = match_photographs(views.clone(), None, &NoProgress).unwrap();
     let cameras: Vec<PinholeCamera> = views.iter().map(|view| *view.camera()).collect();
     let depths: Vec<&Grid2> = found.iter().collect();
     let points = matched_points(&cameras, &depths, 2000);
@@ -107,12 +107,12 @@ fn depths_of_a_room_are_complete_and_exact() {
 #[test]
 fn views_that_show_nothing_together_have_no_depths() {
     let one = photograph(camera(DVec3::ZERO, 0.0)).0;
-    let same = match_photographs(vec![one.clone(), one.clone()], &NoProgress).unwrap();
-    let alone = match_photographs(vec![one.clone()], &NoProgress).unwrap();
+    let same = match_photographs(vec![one.clone(), one.clone()], None, &NoProgress).unwrap();
+    let alone = match_photographs(vec![one.clone()], None, &NoProgress).unwrap();
     let away = photograph(camera(DVec3::new(0.3, 0.0, 0.0), 2.5)).0;
-    let apart = match_photographs(vec![one, away], &NoProgress).unwrap();
+    let apart = match_photographs(vec![one, away], None, &NoProgress).unwrap();
     for view in [same, alone, apart].concat() {
         assert!(view.data.iter().all(|z| z.is_nan()));
     }
-    assert!(match_photographs(Vec::new(), &NoProgress).unwrap().is_empty());
+    assert!(match_photographs(Vec::new(), None, &NoProgress).unwrap().is_empty());
 }

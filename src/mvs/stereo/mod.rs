@@ -24,11 +24,13 @@ mod steps;
 
 use super::consistency::{Check, consistent};
 use super::image::MatchImage;
+use super::pairs::MatchError;
 use super::plane_sweep::{MAX_VOLUME, PlaneSweep};
 use super::ray_map::RayMap;
 use super::reference_view::ReferenceView;
 use super::surface::MatchedSurface;
-use crate::progress::{Event, Interrupted, Progress};
+use crate::checkpoint::PartStore;
+use crate::progress::{Event, Progress};
 use ray_ranges::RayRanges;
 use rays::GroundRays;
 use reference::reference_views;
@@ -40,18 +42,23 @@ const PLANE_STEP_PX: f64 = 0.5;
 /// How altitudes are checked: a pair has one source view.
 const CHECK: Check = Check { confirmations: 1, least_part_px: 40 };
 
-/// Matches the images of a few views.
+/// Matches the images of a few views; see [`PlaneSweep::run`].
 pub(super) fn match_views(
     sweep: &PlaneSweep,
+    parts: Option<&PartStore>,
     progress: &dyn Progress,
-) -> Result<MatchedSurface, Interrupted> {
+) -> Result<MatchedSurface, MatchError> {
     progress.event(Event::Started { stage: "matching the surface", total: sweep.images.len() as u64 });
     let references = reference_views(sweep);
     let mut maps = Vec::with_capacity(references.len());
     for (done, reference) in (1..).zip(&references) {
         progress.check()?;
-        maps.push(altitude_map(sweep, reference, MAX_VOLUME));
+        let map = || Ok::<_, MatchError>(altitude_map(sweep, reference, MAX_VOLUME));
+        maps.push(PartStore::part(parts, &format!("view_{}", reference.view), "", map)?);
         progress.event(Event::Advanced { done, status: String::new() });
+    }
+    if let Some(parts) = parts {
+        parts.tell(progress);
     }
     let maps = consistent(&sweep.images, &maps, &references, CHECK);
     let surface = fuse::fused(sweep, &references, &maps);

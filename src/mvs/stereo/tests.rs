@@ -23,7 +23,7 @@ fn share_right(surface: &MatchedSurface, is_meant: impl Fn([f64; 3], bool) -> bo
 #[test]
 fn a_pair_finds_a_block_and_the_ground_and_marks_cells_that_only_one_view_sees() {
     let views = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
-    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(None, &NoProgress).unwrap();
     let everywhere = share_right(&surface, |_, _| true);
     assert!(everywhere > 0.93, "{everywhere}");
     let matched = share_right(&surface, |_, is_matched| is_matched);
@@ -50,7 +50,7 @@ fn a_pair_finds_a_block_and_the_ground_and_marks_cells_that_only_one_view_sees()
 #[test]
 fn a_pair_of_cameras_with_a_quadratic_term_finds_the_same_surface() {
     let views = [[-0.2, 0.0], [0.2, 0.0]].map(|slope| curved_view(slope, texture));
-    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(None, &NoProgress).unwrap();
     let (everywhere, matched) = (share_right(&surface, |_, _| true), share_right(&surface, |_, m| m));
     assert!(everywhere > 0.93 && matched > 0.97, "{everywhere} {matched}");
 }
@@ -60,7 +60,7 @@ fn a_third_view_matches_cells_that_the_pair_did_not_see() {
     let pair = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
     let three = [pair[0].clone(), pair[1].clone(), view([0.0, 0.0], texture)];
     let share = |views: &[_]| {
-        let surface = PlaneSweep::new(&setup(), views, &sparse()).unwrap().run(&NoProgress).unwrap();
+        let surface = PlaneSweep::new(&setup(), views, &sparse()).unwrap().run(None, &NoProgress).unwrap();
         let matched = surface.score.data.iter().filter(|s| **s > 0.0).count();
         (matched as f64 / surface.score.data.len() as f64, share_right(&surface, |_, is_matched| is_matched))
     };
@@ -71,7 +71,7 @@ fn a_third_view_matches_cells_that_the_pair_did_not_see() {
 #[test]
 fn textureless_surfaces_are_not_matched() {
     let views = [view([-0.2, 0.0], textureless), view([0.2, 0.0], textureless)];
-    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(None, &NoProgress).unwrap();
     assert!(surface.score.data.iter().all(|s| *s == 0.0), "no cell is matched");
 }
 

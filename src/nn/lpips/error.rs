@@ -76,7 +76,7 @@ pub enum LpipsError {
     },
     /// A weight is infinite or not a number.
     #[error("tensor `{tensor}` of weights `{path}` holds {found} at index {index}, expected finite numbers")]
-    #[diagnostic(help("the file is damaged; scripts/fetch-weights makes it anew"))]
+    #[diagnostic(help("the file is damaged; scripts/fetch-weights makes it again"))]
     NotFinite {
         /// The file.
         path: PathBuf,

@@ -100,7 +100,7 @@ pub(super) fn priors(
         progress.event(Event::Note(format!("the scene's own depth maps are the prior of {what}")));
     } else {
         if is_unasked {
-            let text = "without --depth-prior the depths are those that matching of the photographs finds";
+            let text = "without --depth-prior depths come from matching of the photographs";
             progress.event(Event::Note(text.into()));
         }
         say_what_is_missing(sources, &weights, start, progress);
@@ -116,7 +116,7 @@ pub(super) fn priors(
         let read = |sources| read_priors(sources, &of_scene, &positions, &run.join(PRIORS), progress);
         priors = match read(sources) {
             Err(e) if is_unasked && e.is_of_maps() => {
-                progress.event(Event::Note(format!("{e}: training goes on without depths")));
+                progress.event(Event::Note(format!("{e}: training continues without depths")));
                 read(&options.priors)?
             }
             priors => priors?,

@@ -168,7 +168,7 @@ fn registered(
     let reference = highest_points(&points, site, path);
     let found = reference.map(|reference| coregister::to_surface(&places, site.epsg, &reference));
     let Some(Ok(found)) = found else {
-        let text = "the points cannot be registered to the tie points of the adjustment; they are taken where they are";
+        let text = "the points cannot be registered to the tie points of the adjustment, and are not moved";
         progress.event(Event::Warning(text.into()));
         return points;
     };
@@ -179,7 +179,7 @@ fn registered(
         -east_m, -north_m, -up_m
     );
     if let Some(open) = found.open_text() {
-        progress.event(Event::Warning(format!("of the points that are predicted from, {open}")));
+        progress.event(Event::Warning(format!("registration of the points: {open}")));
     }
     let is_far = up_m.abs() > MOST_UP_M;
     progress.event(if is_far {

@@ -85,8 +85,8 @@ impl Stage {
         let folder = self.record.parent().unwrap_or(&self.record).to_path_buf();
         let differences = differences.collect::<Vec<_>>().join("; ");
         let hint = match self.name {
-            TILES | PREDICT_STAGE => "--overwrite makes it anew, another -o keeps both".into(),
-            ADJUSTMENT => "`satgs run … --overwrite` makes everything anew, `satgs ba … --overwrite` this stage; another -o keeps both".into(),
+            TILES | PREDICT_STAGE => "--overwrite makes it again, another -o keeps both".into(),
+            ADJUSTMENT => "`satgs run … --overwrite` replaces everything, `satgs ba … --overwrite` this stage; another -o keeps both".into(),
             _ => format!(
                 "{}, `satgs run … --overwrite` everything; a copy of RUN keeps both",
                 self.made_by()
@@ -109,11 +109,11 @@ impl Stage {
     /// The command that makes the stage anew.
     fn made_by(&self) -> &'static str {
         match self.name {
-            ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it anew",
-            TRAIN_STAGE | APPEARANCE_STAGE => "`satgs train RUN --overwrite` makes it anew",
-            PREDICT_STAGE => "`satgs predict RUN -o RUN2 --overwrite` makes it anew",
-            TILES => "`satgs plan SCENE -o RUN --overwrite` makes it anew",
-            _ => "`satgs dsm RUN --overwrite` makes it anew",
+            ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it again",
+            TRAIN_STAGE | APPEARANCE_STAGE => "`satgs train RUN --overwrite` makes it again",
+            PREDICT_STAGE => "`satgs predict RUN -o RUN2 --overwrite` makes it again",
+            TILES => "`satgs plan SCENE -o RUN --overwrite` makes it again",
+            _ => "`satgs dsm RUN --overwrite` makes it again",
         }
     }
 
@@ -166,7 +166,7 @@ fn difference(key: &str, before: Option<&String>, now: Option<&String>) -> Optio
 
 /// What a stage was made from, by its record.
 pub fn made_from(record: &Path) -> Result<Fingerprint, PipelineError> {
-    let made_by = "the command that made the stage makes it anew with --overwrite";
+    let made_by = "the command that made the stage makes it again with --overwrite";
     let read: Record = read_json(record).map_err(|source| PipelineError::RunFile { source, made_by })?;
     Ok(read.made_from)
 }
@@ -269,6 +269,6 @@ mod tests {
         assert!(of_record.contains("train/stage.json"), "{of_record}");
         let of_summary = stage.summary::<serde_json::Value>().unwrap_err().to_string();
         assert!(of_summary.contains("train/summary.json"), "{of_summary}");
-        assert!(!stage.is_done(true).unwrap(), "it can be made anew");
+        assert!(!stage.is_done(true).unwrap(), "it can be made again");
     }
 }

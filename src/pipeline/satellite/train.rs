@@ -117,6 +117,7 @@ fn train_heights(
     let cameras = training.write(&so_far.state, &views, first.as_ref())?;
     let trained = summary(&cameras, &so_far);
     stage.complete(&trained)?;
+    training.forget_matching();
     Ok(Outcome::Made(trained))
 }
 

@@ -4,13 +4,14 @@ use super::super::run_folder::stage::adjustment_fingerprint;
 use super::super::{PipelineError, TrainOptions, TrainedCameras, predict};
 use crate::affine::{SiteScene, TrainingView};
 use crate::bundle::Adjustment;
+use crate::checkpoint::PartStore;
 use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
 use crate::io::{RgbImage, write_json};
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep, angle_warning};
 use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SURFACE};
+use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, MATCHING, SURFACE, TRAIN_STAGE};
 use crate::scene::{Role, Scene, SearchedHeights};
 use crate::splat::anchored::StartSplats;
 use crate::splat::appearance::{Appearance, AppearanceKind, affine};
@@ -23,7 +24,7 @@ use crate::splat::satellite::SatelliteViews;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::pictures;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A training: what it is of, and how it is done.
 pub struct Training<'a> {
@@ -61,7 +62,8 @@ impl<'a> Training<'a> {
         Ok(Self { run, options, recipe, setup, heights, sparse })
     }
 
-    /// Finds the surface by matching, if the recipe has one, and writes it. That of a training before is removed.
+    /// Finds the surface by matching, if the recipe has one, and writes it. That of a training before is removed. What matching finds
+    /// is stored until the training is complete.
     pub fn match_surface(
         &self,
         views: &[TrainingView],
@@ -75,9 +77,30 @@ impl<'a> Training<'a> {
             if let Some(warning) = angle_warning(views) {
                 progress.event(Event::Warning(warning));
             }
-            sweep.run(progress)?.write(&self.run.join(FIRST_SURFACE))?;
+            let parts = PartStore::new(self.matching(), self.matched_from()?);
+            progress.event(Event::Resumable(true));
+            sweep.run(Some(&parts), progress)?.write(&self.run.join(FIRST_SURFACE))?;
+            progress.event(Event::Resumable(false));
         }
         Ok(())
+    }
+
+    /// Removes what matching has stored.
+    pub fn forget_matching(&self) {
+        PartStore::new(self.matching(), "").remove();
+    }
+
+    /// The folder of what matching stores.
+    fn matching(&self) -> PathBuf {
+        self.run.join(TRAIN_STAGE).join(MATCHING)
+    }
+
+    /// All that the matched surface depends on.
+    fn matched_from(&self) -> Result<String, PipelineError> {
+        let setup = serde_json::to_string(&self.setup);
+        let setup =
+            setup.map_err(|source| PipelineError::Json { what: "the scene of the training", source })?;
+        Ok(format!("{:?} {setup}", adjustment_fingerprint(self.run)))
     }
 
     /// Extends the altitudes of splats to the surface that training starts on. Without one, they may lie wherever an option or an

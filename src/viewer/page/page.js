@@ -384,6 +384,7 @@ const showMeasure = () => {
   }
   const [a, b] = marks;
   const unit = run.isOnMap ? " m" : "";
+  $("unit").textContent = run.isOnMap ? "metres" : "";
   $("rise").textContent = b ? metres(b.z - a.z) + unit : "";
   $("level").textContent = b ? metres(Math.hypot(b.x - a.x, b.y - a.y)) + unit : "";
   $("slant").textContent = b ? metres(a.distanceTo(b)) + unit : "";

@@ -35,7 +35,7 @@ pub enum AppearanceError {
     },
     /// The file is damaged or not one of this version.
     #[error("`{path}` is not a colour model of this version: {reason}")]
-    #[diagnostic(help("`satgs train RUN --recipe satgs --overwrite` makes it anew"))]
+    #[diagnostic(help("`satgs train RUN --recipe satgs --overwrite` makes it again"))]
     Format {
         /// The file.
         path: PathBuf,
