@@ -51,6 +51,8 @@
 //! `cli` (default): the module `cli` and the binary `satgs`. Without it the library builds without clap, indicatif,
 //! signal-hook and tracing-subscriber.
 //!
+//! `gpu`: [`splat`]'s module `gpu`, training on GPUs of any vendor by wgpu.
+//!
 //! # Layers
 //!
 //! The modules stand in layers; each imports only from those above it in this list. Coordinates have a type for each

@@ -2,7 +2,7 @@
 
 use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
-use super::{CliError, Ui, perspective_info, splat_info};
+use super::{CliError, Ui, device_info, perspective_info, splat_info};
 use crate::estimate::{BEST_CONVERGENCE_DEG, Imaging, best_convergence_deg};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::mvs::DSM_CELL_M;
@@ -30,9 +30,12 @@ const MATRIX_VIEWS: usize = 8;
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneArgs,
+    scene: Option<SceneArgs>,
     #[command(flatten)]
     perspective: PerspectiveArgs,
+    /// List the GPUs that drivers offer, and what they lack for training
+    #[arg(long, exclusive = true)]
+    devices: bool,
     /// Write the footprints of the images at the middle of the height range: GeoJSON, or GeoPackage if FILE ends in .gpkg
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
@@ -47,7 +50,7 @@ pub struct Args {
 impl Args {
     /// Reads the scene and shows its warnings.
     pub(super) fn read(&self, ui: &Ui) -> Result<AnyScene, CliError> {
-        let scene = self.scene.read_any(&self.perspective, None, ui)?;
+        let scene = self.scene()?.read_any(&self.perspective, None, ui)?;
         if let AnyScene::Photographs(photographs) = &scene {
             for warning in photographs.scene.georeference.iter().flat_map(|g| g.warnings()) {
                 ui.event(Event::Warning(warning.clone()));
@@ -55,12 +58,21 @@ impl Args {
         }
         Ok(scene)
     }
+
+    /// The scene, which only `--devices` does without.
+    fn scene(&self) -> Result<&SceneArgs, CliError> {
+        self.scene.as_ref().ok_or_else(|| CliError::input("no scene is named", "satgs info SCENE"))
+    }
 }
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    if splat_info::is_one(args.scene.path()) {
-        return splat_info::run(args.scene.path(), ui);
+    if args.devices {
+        return device_info::run(ui);
+    }
+    let path = args.scene()?.path();
+    if splat_info::is_one(path) {
+        return splat_info::run(path, ui);
     }
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         if file.exists() && !args.overwrite {

@@ -77,6 +77,18 @@ impl AdamStep {
         Self { rule, rate: rate as f32 / left(rule.beta1) as f32, root_second }
     }
 
+    /// Learning rate, divided by the correction of the first moment's bias towards zero.
+    #[must_use]
+    pub fn rate(self) -> f32 {
+        self.rate
+    }
+
+    /// Square root of the correction of the second moment's bias.
+    #[must_use]
+    pub fn root_second(self) -> f32 {
+        self.root_second
+    }
+
     /// Updates values and moments.
     pub fn update(self, values: &mut [f32], gradient: &[f32], first: &mut [f32], second: &mut [f32]) {
         if self.rule.skips_zeros {

@@ -12,17 +12,17 @@ const MAX_EXTENT: f64 = 1.3;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PinholeKernel<T> {
     /// Rotation from site to camera axes (right, down, forward), row by row.
-    rotation: [[T; 3]; 3],
+    pub rotation: [[T; 3]; 3],
     /// Camera coordinates of the site's origin, metres.
-    translation: [T; 3],
+    pub translation: [T; 3],
     /// Focal lengths, pixels.
-    focal: [T; 2],
+    pub focal: [T; 2],
     /// Principal point, pixels.
-    principal: [T; 2],
+    pub principal: [T; 2],
     /// Lowest and highest ratio of x to the depth, and of y to the depth, at which the Jacobian is evaluated.
-    limits: [[T; 2]; 2],
+    pub limits: [[T; 2]; 2],
     /// Depth up to which nothing is drawn.
-    nearest: T,
+    pub nearest: T,
 }
 
 /// [`PinholeKernel`], broadcast.

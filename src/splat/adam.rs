@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// The constants of the splats' parameters (3DGS).
-const RULE: AdamRule = AdamRule { epsilon: 1e-15, ..AdamRule::DEFAULT };
+pub const RULE: AdamRule = AdamRule { epsilon: 1e-15, ..AdamRule::DEFAULT };
 
 /// Number of values that one task works on, and number of splats where only some are seen.
 const PIECE: usize = 1 << 14;

@@ -34,6 +34,17 @@ impl DensifyStats {
         self.views.len().min(self.gradient.len())
     }
 
+    /// Statistics with these sums of each splat: of the norms of the gradient over the views, and the number of views.
+    pub fn of_sums(sums: impl Iterator<Item = (f32, u32)>) -> Self {
+        let (gradient, views) = sums.unzip();
+        Self { gradient, views, magnification: 0.0 }
+    }
+
+    /// The sums of each splat: of the norms of the gradient over the views, and the number of views.
+    pub fn sums(&self) -> impl Iterator<Item = (f32, u32)> + '_ {
+        self.gradient.iter().copied().zip(self.views.iter().copied())
+    }
+
     /// Mean over the views that show a splat of the norm of the gradient by its 2-D mean, per half image side.
     #[must_use]
     pub fn mean_gradient(&self, splat: usize) -> f32 {

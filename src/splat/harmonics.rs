@@ -21,16 +21,18 @@ const PADDED: usize = MAX_LANES;
 /// Number of splats that one task works on.
 const PIECE: usize = 64 * MAX_LANES;
 
-/// Factors of the basis functions of degrees 1 to 3.
-const C1: f64 = 0.488_602_511_902_919_9;
-const C2: [f64; 5] = [
+/// Factor of the basis functions of degree 1; those of degrees 2 and 3 follow.
+pub const C1: f64 = 0.488_602_511_902_919_9;
+/// See [`C1`].
+pub const C2: [f64; 5] = [
     1.092_548_430_592_079_2,
     -1.092_548_430_592_079_2,
     0.315_391_565_252_520_05,
     -1.092_548_430_592_079_2,
     0.546_274_215_296_039_6,
 ];
-const C3: [f64; 7] = [
+/// See [`C1`].
+pub const C3: [f64; 7] = [
     -0.590_043_589_926_643_5,
     2.890_611_442_640_554,
     -0.457_045_799_464_465_8,
@@ -52,9 +54,15 @@ pub struct SeenFrom<T> {
 impl<T: Real> SeenFrom<T> {
     /// Number of coefficients of a channel in `f_rest` that count.
     fn used(&self) -> usize {
-        let degree = self.degree.min(MAX_DEGREE);
-        (degree + 1) * (degree + 1) - 1
+        coefficients_used(self.degree)
     }
+}
+
+/// Number of coefficients of a channel in `f_rest` that count at a degree.
+#[must_use]
+pub fn coefficients_used(degree: usize) -> usize {
+    let degree = degree.min(MAX_DEGREE);
+    (degree + 1) * (degree + 1) - 1
 }
 
 /// Computes the colour of each splat.

@@ -12,6 +12,9 @@ pub mod densify;
 #[cfg(test)]
 mod differences;
 pub mod edit;
+#[cfg(feature = "gpu")]
+#[cfg_attr(docsrs, doc(cfg(feature = "gpu")))]
+pub mod gpu;
 pub mod growth;
 pub mod harmonics;
 pub mod harmonics_turn;

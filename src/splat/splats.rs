@@ -69,6 +69,12 @@ macro_rules! parameter_groups {
             pub fn to_array(self) -> [V; GROUPS] {
                 [$(self.$name),*]
             }
+
+            /// The values after a change.
+            #[must_use]
+            pub fn map<W>(self, change: impl Fn(V) -> W) -> PerGroup<W> {
+                PerGroup { $($name: change(self.$name)),* }
+            }
         }
 
         impl<T: Real> Splats<T> {

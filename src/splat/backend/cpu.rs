@@ -1,7 +1,6 @@
 //! The CPU backend. It executes an iteration within `submit`.
 
-use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, ViewModel, Wait};
-use crate::splat::densify::DensifyCounts;
+use super::{BackendError, StepPlan, StepReport, TrainingBackend, ViewModel, Wait};
 use crate::splat::state::TrainingState;
 use crate::splat::stopwatch::Stopwatch;
 
@@ -36,27 +35,6 @@ impl<M: ViewModel> CpuBackend<M> {
         let views = self.model.views();
         if view < views { Ok(()) } else { Err(BackendError::NoView { view, views }) }
     }
-
-    /// Densification, pruning and opacity reset after an iteration.
-    fn edit_splats(&mut self, plan: &DensifyPlan, iteration: u32) -> DensifyCounts {
-        let (altitudes, state) = (self.model.altitudes(), &mut self.state);
-        let mut counts = DensifyCounts::default();
-        if let Some((rule, half_side_m)) = &plan.densify {
-            counts.densified = state.densify(rule, *half_side_m, (plan.seed, u64::from(iteration)));
-        }
-        if let Some(opacity) = plan.prune_below {
-            let largest_m = plan.prune_above_m.unwrap_or(f64::INFINITY);
-            counts.pruned = state.prune(opacity, largest_m, altitudes.unwrap_or((f64::MIN, f64::MAX)));
-            state.statistics.reset(state.splats.len());
-        }
-        if let Some(opacity) = plan.reset_opacity {
-            state.reset_opacity(opacity);
-        }
-        if plan.prune_below.is_some() && altitudes.is_some() {
-            state.sort_by_altitude();
-        }
-        counts
-    }
 }
 
 impl<M: ViewModel> TrainingBackend for CpuBackend<M> {
@@ -67,7 +45,7 @@ impl<M: ViewModel> TrainingBackend for CpuBackend<M> {
         self.require(plan.view)?;
         self.watch.begin();
         let losses = self.model.step(&mut self.state, plan, &mut self.watch)?;
-        let counts = self.edit_splats(&plan.densify, plan.iteration);
+        let counts = plan.densify.apply(&mut self.state, plan.iteration, self.model.altitudes());
         self.watch.lap("splats", "densification and pruning");
         let (splats, active) = (self.state.splats.len(), self.state.active.count());
         self.reports.push(StepReport { iteration: plan.iteration, losses, splats, active, counts });

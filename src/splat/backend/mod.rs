@@ -5,9 +5,15 @@
 //! copy results back in every iteration. No plan depends on a report.
 
 mod cpu;
+mod device_choice;
+#[cfg(feature = "gpu")]
+mod gpu_error;
 mod view_model;
 
 pub use cpu::CpuBackend;
+pub use device_choice::DeviceChoice;
+#[cfg(feature = "gpu")]
+pub use gpu_error::GpuError;
 pub use view_model::ViewModel;
 
 use super::densify::DensifyCounts;
@@ -78,6 +84,39 @@ pub struct DensifyPlan {
     pub seed: u64,
 }
 
+impl DensifyPlan {
+    /// Whether nothing is done.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.densify.is_none() && self.prune_below.is_none() && self.reset_opacity.is_none()
+    }
+
+    /// Densifies, prunes and resets after an iteration. `altitudes` are those of [`ViewModel::altitudes`].
+    pub fn apply(
+        &self,
+        state: &mut TrainingState,
+        iteration: u32,
+        altitudes: Option<(f64, f64)>,
+    ) -> DensifyCounts {
+        let mut counts = DensifyCounts::default();
+        if let Some((rule, half_side_m)) = &self.densify {
+            counts.densified = state.densify(rule, *half_side_m, (self.seed, u64::from(iteration)));
+        }
+        if let Some(opacity) = self.prune_below {
+            let largest_m = self.prune_above_m.unwrap_or(f64::INFINITY);
+            counts.pruned = state.prune(opacity, largest_m, altitudes.unwrap_or((f64::MIN, f64::MAX)));
+            state.statistics.reset(state.splats.len());
+        }
+        if let Some(opacity) = self.reset_opacity {
+            state.reset_opacity(opacity);
+        }
+        if self.prune_below.is_some() && altitudes.is_some() {
+            state.sort_by_altitude();
+        }
+        counts
+    }
+}
+
 /// The results of a completed iteration.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StepReport {
@@ -110,6 +149,15 @@ pub enum BackendError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Visibility(#[from] VisibilityError),
+    /// See [`GpuError`].
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Gpu(#[from] GpuError),
+    /// The program is built without GPUs.
+    #[cfg(not(feature = "gpu"))]
+    #[error("this program is built without the feature `gpu`")]
+    NoGpuSupport,
     /// The state has another number of colour models than the views need.
     #[error("the training state has {found} colour models, but the views need {expected}")]
     OtherAppearances {
@@ -134,6 +182,10 @@ impl BackendError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Visibility(e) => e.kind(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(e) => e.kind(),
+            #[cfg(not(feature = "gpu"))]
+            Self::NoGpuSupport => ErrorKind::Input,
             Self::OtherAppearances { .. } | Self::NoView { .. } => ErrorKind::Failed,
         }
     }

@@ -21,13 +21,14 @@ const TAPS: usize = 11;
 /// Standard deviation of the window, pixels.
 const SIGMA: f64 = 1.5;
 /// The constants of SSIM for values in [0, 1]: 0.01² and 0.03².
-const C1: f64 = 1e-4;
-const C2: f64 = 9e-4;
+pub const SSIM_C1: f64 = 1e-4;
+/// See [`SSIM_C1`].
+pub const SSIM_C2: f64 = 9e-4;
 /// Weight λ of SSIM against L1 (3DGS, equation 7).
 pub const SSIM_WEIGHT: f64 = 0.2;
 
 /// Number of taps on either side of the middle one.
-const RADIUS: usize = TAPS / 2;
+pub const RADIUS: usize = TAPS / 2;
 /// Number of rows of a strip, which one task processes.
 const STRIP_ROWS: usize = 16;
 /// Number of adjacent rows that are blurred along the columns together, as their windows share most rows.
@@ -73,7 +74,8 @@ impl Similarity {
 }
 
 /// The first half of the window's taps and the middle one; the window is symmetric.
-fn window<T: Real>() -> [T; RADIUS + 1] {
+#[must_use]
+pub fn window<T: Real>() -> [T; RADIUS + 1] {
     let g = |i: usize| (-((i as f64 - RADIUS as f64) / SIGMA).powi(2) / 2.0).exp();
     let sum: f64 = (0..TAPS).map(g).sum();
     std::array::from_fn(|i| T::from_f64(g(i) / sum))
@@ -279,7 +281,7 @@ impl<T: SimdReal> SimdKernel<T> for SsimForward<'_, T> {
         let (window, down) = (broadcast_each(simd, window()), pair_weights(simd));
         let [zero, one, two, c1, c2, scale] = broadcast_each(
             simd,
-            [T::zero(), T::one(), T::from_f64(2.0), T::from_f64(C1), T::from_f64(C2), scale],
+            [T::zero(), T::one(), T::from_f64(2.0), T::from_f64(SSIM_C1), T::from_f64(SSIM_C2), scale],
         );
         strip.sum = 0.0;
         for (k, by_moments) in by_moments.chunks_mut(ROW_PAIR * 9 * width).enumerate() {

@@ -20,14 +20,17 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// Makes the columns that are means over all pixels means over those with data: pixels without data are zero in both images,
-    /// where L1 is 0 and SSIM 1. NaN if no pixel has data. The total stays.
+    /// [`Losses::average_over`] the pixels with data; all have if there is no list of them.
     fn average_valid(&mut self, valid: &[bool]) {
         let count = valid.iter().filter(|is_valid| **is_valid).count();
-        if count == valid.len() {
-            return;
+        if count < valid.len() {
+            self.average_over(count as f64 / valid.len() as f64);
         }
-        let share = count as f64 / valid.len() as f64;
+    }
+
+    /// Makes the columns that are means over all pixels means over this share of them, as pixels without data are zero in both images,
+    /// where L1 is 0 and SSIM 1. NaN if no pixel has data. The total stays.
+    pub fn average_over(&mut self, share: f64) {
         for (value, name) in self.columns.iter_mut().zip(column_names()) {
             match name {
                 "l1" => *value /= share,

@@ -7,7 +7,7 @@ use super::super::primitive::PrimitiveKind;
 use super::super::raster::{ALPHA_CUT, FrameCamera, LOW_PASS_PX2, MAX_TILT};
 use super::super::splats::{Splats, logit, opacities};
 use crate::perspective::PinholeKernel;
-use crate::simd::SimdReal;
+use crate::simd::{Real, SimdReal};
 use rayon::prelude::*;
 
 /// Number of splats that one task works on; fixed, so that sums do not depend on the number of threads.
@@ -15,6 +15,24 @@ const PIECE: usize = 1 << 13;
 /// A splat shows nothing below [`ALPHA_CUT`], and nothing outside the image. The rasteriser rounds both otherwise than this file.
 const OPACITY_MARGIN: f64 = 0.999;
 const MARGIN_PX: f64 = 1.0;
+
+/// What an ellipsoid shows lies within so many standard deviations of its image's centre.
+#[must_use]
+pub fn ellipsoid_reach() -> f64 {
+    (-2.0 * ALPHA_CUT.ln()).sqrt()
+}
+
+/// Splats with a smaller logit of the opacity show nothing.
+#[must_use]
+pub fn least_logit<T: Real>() -> T {
+    logit(T::from_f64(OPACITY_MARGIN * ALPHA_CUT))
+}
+
+/// What the smallest splat shows lies within so many pixels of its image's centre, for a reach in standard deviations.
+#[must_use]
+pub fn least_reach_px<T: Real>(reach: T) -> T {
+    reach * T::from_f64(LOW_PASS_PX2.sqrt()) + T::from_f64(MARGIN_PX)
+}
 
 /// The splats that the camera of the last selection may show.
 #[derive(Default)]
@@ -61,7 +79,7 @@ impl<T: SimdReal> Frustum<'_, T> {
             (0..2).all(|k| image[k] + half_px >= T::zero() && image[k] - half_px <= size[k])
         };
         // Most splats in the frustum have their centres in the image, which spares the exponential.
-        let least_px = self.reach * T::from_f64(LOW_PASS_PX2.sqrt()) + T::from_f64(MARGIN_PX);
+        let least_px = least_reach_px(self.reach);
         let [a, b, c] = log_scale;
         is_within(least_px) || is_within(least_px + self.reach * px_per_m * a.max(b).max(c).exp())
     }
@@ -75,13 +93,12 @@ impl<T: SimdReal> SeenSplats<T> {
         kind: PrimitiveKind,
         camera: Option<&FrameCamera<PinholeKernel<T>>>,
     ) {
-        let reach = (-2.0 * ALPHA_CUT.ln()).sqrt();
         let reach = match kind {
-            PrimitiveKind::Ellipsoid => reach,
+            PrimitiveKind::Ellipsoid => ellipsoid_reach(),
             // The near end of the disc that is inclined most.
-            PrimitiveKind::Disc => reach / (1.0 - MAX_TILT.sqrt()),
+            PrimitiveKind::Disc => ellipsoid_reach() / (1.0 - MAX_TILT.sqrt()),
         };
-        let (reach, least_logit) = (T::from_f64(reach), logit(T::from_f64(OPACITY_MARGIN * ALPHA_CUT)));
+        let (reach, least_logit) = (T::from_f64(reach), least_logit());
         let frustum = camera.map(|camera| Frustum { camera, reach, least_logit });
         self.pieces.resize_with(all.len().div_ceil(PIECE), Piece::default);
         self.pieces.par_iter_mut().enumerate().for_each(|(k, piece)| {

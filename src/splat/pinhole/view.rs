@@ -90,6 +90,13 @@ impl PinholeView {
         self.on_black(col, row).filter(|_| !self.is_empty_at(col, row))
     }
 
+    /// The colour of a pixel on black and how much of it is not empty, 0 to 255; none outside of the image and where it has no data.
+    #[must_use]
+    pub fn pixel(&self, col: usize, row: usize) -> Option<([u8; 3], u8)> {
+        let opacity = self.opacity.get(row * self.camera.size.0 + col).copied().unwrap_or(u8::MAX);
+        self.on_black(col, row).map(|rgb| (rgb, opacity))
+    }
+
     fn on_black(&self, col: usize, row: usize) -> Option<[u8; 3]> {
         let (width, height) = self.camera.size;
         if col >= width || row >= height {

@@ -7,7 +7,7 @@ use crate::simd::{MAX_LANES, Simd, SimdVec, blocks_of_lines, lines_of_blocks};
 use std::hint::black_box;
 
 /// Side of a square tile, pixels.
-pub(super) const TILE: usize = 16;
+pub const TILE: usize = 16;
 /// Columns of a block, pixels.
 pub(super) const BLOCK_WIDTH: usize = 4;
 /// Number of blocks in a row of a tile.

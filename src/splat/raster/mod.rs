@@ -33,6 +33,7 @@ mod disc_tests;
 #[cfg(test)]
 mod tests;
 
+pub use block::TILE;
 pub use constants::{ALPHA_CUT, ALPHA_MAX, LOW_PASS_PX2, MIN_TRANSMITTANCE};
 pub use image::{Image, channel, disc_plane};
 pub(in crate::splat) use image::{STRIPES, stripe_rows};

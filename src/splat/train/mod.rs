@@ -109,7 +109,7 @@ pub struct Schedule<'a> {
 ///
 /// # Errors
 /// The first error of the backend or of `at`, which ends the training.
-pub fn train<B: TrainingBackend, E: From<BackendError>>(
+pub fn train<B: TrainingBackend + ?Sized, E: From<BackendError>>(
     backend: &mut B,
     schedule: &Schedule,
     log: &mut Vec<LogLine>,

@@ -1,0 +1,87 @@
+//! Whether a device computes what the processor does: a few iterations of a small scene on both.
+
+use super::backend::GpuBackend;
+use super::device::GpuDevice;
+use crate::io::Grid2;
+use crate::perspective::PinholeCamera;
+use crate::progress::NoProgress;
+use crate::random::CounterRng;
+use crate::splat::backend::{BackendError, CpuBackend, GpuError, TrainingBackend};
+use crate::splat::pinhole::{PinholeView, PinholeViews};
+use crate::splat::recipe::Recipe;
+use crate::splat::splats::Splats;
+use crate::splat::state::TrainingState;
+use crate::splat::train::{Schedule, train};
+use glam::{DMat3, DVec2, DVec3};
+use std::sync::Arc;
+
+const ITERATIONS: u32 = 3;
+const SPLATS: u64 = 300;
+const SIZE: (usize, usize) = (48, 32);
+/// Relative difference of losses up to which two devices agree.
+const TOLERANCE: f64 = 1e-3;
+
+impl GpuDevice {
+    /// Compares a few iterations on the device with the same on the processor; it takes about a second.
+    ///
+    /// # Errors
+    /// [`GpuError::Wrong`] if the losses differ; others if the device fails.
+    pub fn self_test(&self) -> Result<(), BackendError> {
+        let views = Arc::new(vec![view()]);
+        let found = losses(&mut GpuBackend::new(self.clone(), views.clone(), start())?)?;
+        let expected = losses(&mut CpuBackend::new(PinholeViews::new(views, &start()), start())?)?;
+        let agrees = |(a, b): (&f64, &f64)| (a - b).abs() <= TOLERANCE * b.abs();
+        if found.iter().zip(&expected).all(agrees) {
+            return Ok(());
+        }
+        Err(GpuError::Wrong { device: self.info.name.clone(), found, expected }.into())
+    }
+}
+
+/// The losses of the iterations.
+fn losses<B: TrainingBackend>(backend: &mut B) -> Result<Vec<f64>, BackendError> {
+    let Some(recipe) = Recipe::named(Recipe::OF_PERSPECTIVE_SCENES) else { return Ok(Vec::new()) };
+    let schedule = Schedule {
+        recipe: &recipe.with_iterations(ITERATIONS),
+        views: 1,
+        half_side_m: 3.0,
+        pixel_m: 0.0,
+        splats_at_start: SPLATS as usize,
+        is_gray: false,
+        seed: 0,
+    };
+    let mut log = Vec::new();
+    train(backend, &schedule, &mut log, &NoProgress, |_| false, |_, _| Ok::<_, BackendError>(()))?;
+    Ok(log.iter().map(|line| line.loss).collect())
+}
+
+/// A photograph of a pattern, taken 4 m in front of the origin.
+fn view() -> PinholeView {
+    let camera = PinholeCamera {
+        cam_from_site: DMat3::IDENTITY,
+        center: DVec3::new(0.0, 0.0, -4.0),
+        focal: DVec2::splat(40.0),
+        principal: DVec2::new(23.5, 15.5),
+        size: SIZE,
+    };
+    let plane =
+        |k: usize| Grid2::from_fn(SIZE.0, SIZE.1, |col, row| ((col * (k + 3) + row * 5) % 32) as f32 / 32.0);
+    PinholeView::new("pattern".into(), camera, &[0, 1, 2].map(plane))
+}
+
+/// Random splats around the origin, with harmonics.
+fn start() -> TrainingState {
+    let mut splats = Splats::default();
+    for i in 0..SPLATS {
+        let mut draw = CounterRng::new(1, 0, 0, i);
+        let position = [0; 3].map(|_| 2.0 * draw.normal() as f32);
+        splats.push(
+            position,
+            0.1 + 0.3 * draw.uniform() as f32,
+            0.1 + 0.8 * draw.uniform() as f32,
+            [0.4, 0.5, 0.6],
+        );
+    }
+    splats.f_rest.resize(splats.len(), [0.02; 45]);
+    TrainingState::start(splats, Default::default(), 0, 0)
+}

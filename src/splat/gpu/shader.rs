@@ -1,0 +1,90 @@
+//! The shaders: one WGSL file for each kernel, after the parts that it shares with others.
+
+use super::constants;
+
+/// A kernel and the parts that it consists of.
+#[derive(Clone, Copy, Debug)]
+pub struct Shader {
+    /// Its name.
+    pub name: &'static str,
+    parts: &'static [&'static str],
+}
+
+impl Shader {
+    /// Its text, with the constants.
+    pub fn text(&self) -> String {
+        constants::wgsl() + &self.parts.join("\n")
+    }
+}
+
+/// Declares the shaders: for each its constant, the name of its file, and the parts that stand before it.
+macro_rules! shaders {
+    ($($shader:ident = $file:literal after [$($part:literal),*];)*) => {
+        $(
+            #[doc = concat!("The kernel `", $file, ".wgsl`.")]
+            pub const $shader: Shader = Shader {
+                name: $file,
+                parts: &[
+                    include_str!("wgsl/plan.wgsl"),
+                    $(include_str!(concat!("wgsl/", $part, ".wgsl")),)*
+                    include_str!(concat!("wgsl/", $file, ".wgsl")),
+                ],
+            };
+        )*
+        /// All of them.
+        #[cfg(test)]
+        pub const ALL: &[Shader] = &[$($shader),*];
+    };
+}
+
+shaders! {
+    PROJECT = "project" after ["camera", "harmonics", "spans", "sum"];
+    SORT_COUNT = "sort_count" after [];
+    SORT_SCATTER = "sort_scatter" after [];
+    SCAN_BLOCKS = "scan_blocks" after ["scan"];
+    SCAN_SUMS = "scan_sums" after ["scan"];
+    PAIR_COUNTS = "pair_counts" after [];
+    PAIR_SIZES = "pair_sizes" after [];
+    PAIR_EMIT = "pair_emit" after ["spans"];
+    TILE_RANGES = "tile_ranges" after [];
+    FORWARD = "forward" after ["alpha"];
+    SSIM_FORWARD = "ssim_forward" after ["window", "sum"];
+    SSIM_BACKWARD = "ssim_backward" after ["window", "sum"];
+    BACKWARD = "backward" after ["alpha"];
+    GATHER = "gather" after ["camera", "harmonics"];
+    STEP_REST = "step_rest" after ["camera", "harmonics", "adam"];
+    STEP_CORE = "step_core" after ["adam"];
+    REPORT = "report" after ["sum"];
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wgpu::naga::{front::wgsl, valid};
+
+    /// Storage buffers and bytes of workgroup memory that every device of WebGPU has.
+    const STORAGE_BUFFERS: usize = 8;
+    const WORKGROUP_BYTES: u32 = 16_384;
+
+    #[test]
+    fn every_shader_is_valid_and_within_the_limits_of_every_device() {
+        for shader in ALL {
+            let text = shader.text();
+            let module = wgsl::parse_str(&text)
+                .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&text)));
+            let mut validator =
+                valid::Validator::new(valid::ValidationFlags::all(), valid::Capabilities::empty());
+            if let Err(e) = validator.validate(&module) {
+                panic!("{}: {}", shader.name, e.emit_to_string(&text));
+            }
+            let mut layouter = wgpu::naga::proc::Layouter::default();
+            layouter.update(module.to_ctx()).expect("a valid module has a layout");
+            let globals = || module.global_variables.iter().map(|(_, v)| v);
+            let storage = globals().filter(|v| matches!(v.space, wgpu::naga::AddressSpace::Storage { .. }));
+            assert!(storage.count() <= STORAGE_BUFFERS, "{}", shader.name);
+            let workgroup = globals().filter(|v| v.space == wgpu::naga::AddressSpace::WorkGroup);
+            let bytes: u32 = workgroup.map(|v| layouter[v.ty].size).sum();
+            assert!(bytes <= WORKGROUP_BYTES, "{}: {bytes}", shader.name);
+        }
+    }
+}

@@ -1,0 +1,13 @@
+// The sum over the lanes of a workgroup, in a fixed order; it counts in the first lane.
+
+fn sum_of_lanes(lane: u32, value: f32) -> f32 {
+    workgroupBarrier();
+    sums[lane] = value;
+    for (var half = GROUP / 2u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if lane < half {
+            sums[lane] += sums[lane + half];
+        }
+    }
+    return sums[lane];
+}
