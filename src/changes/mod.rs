@@ -217,7 +217,7 @@ mod tests {
             let (x, y) = (col as i64 + shift.0, row as i64 + shift.1);
             let (i, j) = (x.div_euclid(23), y.div_euclid(19));
             let house = (x.rem_euclid(23) > 7 && y.rem_euclid(19) > 6) as u8 as f32;
-            let noise = CounterRng::new(seed, 1, (row * GRID.width + col) as u64).normal() as f32;
+            let noise = CounterRng::new(seed, 1, 0, (row * GRID.width + col) as u64).normal() as f32;
             0.02 * x as f32
                 + house * ((i * 7 + j * 5 + i * j).rem_euclid(9) as f32 + 3.0)
                 + 0.1 * noise

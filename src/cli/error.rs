@@ -73,7 +73,7 @@ impl From<RunError> for CliError {
     fn from(error: RunError) -> Self {
         match error {
             RunError::Pipeline(e) => e.into(),
-            RunError::Tiles(e) => e.into(),
+            RunError::Tiles(e) => (*e).into(),
         }
     }
 }

@@ -13,7 +13,13 @@ pub enum RunError {
     /// The plan, a tile or the mosaic failed.
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Tiles(#[from] TilesError),
+    Tiles(#[from] Box<TilesError>),
+}
+
+impl From<TilesError> for RunError {
+    fn from(error: TilesError) -> Self {
+        Box::new(error).into()
+    }
 }
 
 impl RunError {
