@@ -85,6 +85,9 @@ pub fn match_photographs(
     let mut steps = Steps { done: 0, parts, progress };
     let first = first_sources(&cameras);
     let found = steps.search("first", &coarse, &first, None)?;
+    if let Some(parts) = parts {
+        parts.tell(progress);
+    }
     let seen = found.confirmed(&coarse, COARSE_CHECK);
     let best = best_sources(&coarse, &found.in_order(&seen));
     let found = steps.search("low", &coarse, &best, None)?;
@@ -164,9 +167,6 @@ impl Steps<'_> {
             }
             self.done += 1;
             self.progress.event(Event::Advanced { done: self.done, status: String::new() });
-        }
-        if let Some(parts) = self.parts {
-            parts.tell(self.progress);
         }
         Ok(found)
     }
