@@ -155,6 +155,7 @@ class TrainingOptions(TypedDict, total=False):
         no_splats: Stop at the surface that matching finds: no splats are trained. For two or three images the heights are
             those of a run with splats; for more, training makes them better.
         seed: Seed of all random numbers; the same seed gives the same bytes. ``None``: 0.
+        device: Device that trains: ``auto``, ``cpu``, ``gpu``, or ``gpu:N``. ``None``: ``auto``.
         checkpoint_every: Number of iterations from one checkpoint to the next. ``None``: 500.
         resume: Fail unless there is a checkpoint to go on from.
         snapshots: Number of pictures of the progress to write to ``RUN/train/snapshots``. ``None``: 0.
@@ -173,6 +174,7 @@ class TrainingOptions(TypedDict, total=False):
     iterations: int | None
     no_splats: bool | None
     seed: int | None
+    device: str | None
     checkpoint_every: int | None
     resume: bool | None
     snapshots: int | None

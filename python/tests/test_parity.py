@@ -23,6 +23,7 @@ NO_CALL = {
 NO_ARGUMENT = {
     ("train", "print-recipe"): "it prints a template",
     ("learn", "print-config"): "it prints a template",
+    ("info", "devices"): "it takes no scene",
     ("tile run", "index"): "it is for job arrays of clusters, which give numbers",
     ("tile blend", "index"): "it is for job arrays of clusters, which give numbers",
     ("view", "port"): "a call writes the page to a file",

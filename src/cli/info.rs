@@ -3,7 +3,7 @@
 use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
 use super::scene_kind::SceneKind;
-use super::{CliError, Ui, perspective_info, splat_info};
+use super::{CliError, Ui, device_info, perspective_info, splat_info};
 use crate::estimate::{BEST_CONVERGENCE_DEG, Imaging, best_convergence_deg};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::mvs::DSM_CELL_M;
@@ -29,11 +29,15 @@ const MATRIX_VIEWS: usize = 8;
 /// Of a splat file (.ply, .compressed.ply, .spz, .glb with KHR_gaussian_splatting) the number of splats, their extent, axes and
 /// place on the map are shown, and of a tileset.json of 3D Tiles its tiles and levels of detail.
 #[derive(clap::Args)]
+#[command(mut_arg("scene", |scene| scene.required(false).required_unless_present("devices")))]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneArgs,
+    scene: Option<SceneArgs>,
     #[command(flatten)]
     perspective: PerspectiveArgs,
+    /// List the GPUs that drivers offer, and what they lack for training
+    #[arg(long, conflicts_with = "scene")]
+    devices: bool,
     /// Write the footprints of the images at the middle of the height range: GeoJSON, or GeoPackage if FILE ends in .gpkg
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
@@ -57,7 +61,8 @@ pub enum ReadScene {
 impl Args {
     /// Reads the scene and shows its warnings.
     pub(super) fn read(&self, ui: &Ui) -> Result<ReadScene, CliError> {
-        let path = self.scene.path();
+        let scene = self.scene()?;
+        let path = scene.path();
         if PerspectiveScene::is_one(path) {
             ui.given().require_of(SceneKind::Photographs, path)?;
             let scene = PerspectiveScene::read(path, &self.perspective.options())?;
@@ -67,14 +72,23 @@ impl Args {
             return Ok(ReadScene::Photographs(Box::new(scene)));
         }
         ui.given().require_of(SceneKind::Satellites, path)?;
-        Ok(ReadScene::Satellites(Box::new(self.scene.read(None, ui)?)))
+        Ok(ReadScene::Satellites(Box::new(scene.read(None, ui)?)))
+    }
+
+    /// The scene, which only `--devices` does without.
+    fn scene(&self) -> Result<&SceneArgs, CliError> {
+        self.scene.as_ref().ok_or_else(|| CliError::input("no scene is named", "satgs info SCENE"))
     }
 }
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    if splat_info::is_one(args.scene.path()) {
-        return splat_info::run(args.scene.path(), ui);
+    if args.devices {
+        return device_info::run(ui);
+    }
+    let path = args.scene()?.path();
+    if splat_info::is_one(path) {
+        return splat_info::run(path, ui);
     }
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         if file.exists() && !args.overwrite {
@@ -83,7 +97,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     }
     let scene = match args.read(ui)? {
         ReadScene::Satellites(scene) => scene,
-        ReadScene::Photographs(scene) => return perspective_info::run(args.scene.path(), &scene, ui),
+        ReadScene::Photographs(scene) => return perspective_info::run(path, &scene, ui),
     };
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         check_writable(file)?;

@@ -8,6 +8,8 @@ mod ui;
 
 mod align;
 mod ba;
+#[cfg_attr(not(feature = "gpu"), path = "no_device_info.rs")]
+mod device_info;
 mod dsm;
 mod dsm_eval;
 mod export;

@@ -4,6 +4,7 @@ use super::{CliError, Ui};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
 use crate::prior::{DepthKind, InpaintCommand, PriorSource, PriorSources};
 use crate::run_files::SPLATS;
+use crate::splat::backend::DeviceChoice;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::recipe::{Recipe, StartPoints};
 use std::path::{Path, PathBuf};
@@ -138,6 +139,11 @@ pub struct Options {
     /// Seed of all random numbers; the same seed gives the same bytes
     #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Run", hide_short_help = true)]
     seed: u64,
+    /// Device that trains: auto, cpu, gpu, or gpu:N for the device of a number
+    ///
+    /// `auto` takes a GPU for what one can train, photographs by recipe `3dgs`, else the processor. `satgs info --devices` lists devices.
+    #[arg(long, value_name = "DEVICE", default_value_t = DeviceChoice::Auto, help_heading = "Run", hide_short_help = true)]
+    device: DeviceChoice,
     /// Iterations between checkpoints; an interrupted training continues from the last one
     #[arg(
         long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Run",
@@ -216,6 +222,7 @@ impl Options {
             iterations: self.iterations,
             no_splats: self.no_splats,
             seed: self.seed,
+            device: self.device,
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
             snapshots: self.snapshots,
@@ -260,11 +267,12 @@ pub fn show(run: &Path, outcome: &Outcome<Trained>, ui: &Ui) -> Result<(), CliEr
             return format!("no splats are trained: the surface is that of matching\n{}", cameras.trim_end());
         };
         format!(
-            "trained {} iterations in {:.0} s: {} splats at the start, {} at the end\n{cameras}\
+            "trained {} iterations in {:.0} s{}: {} splats at the start, {} at the end\n{cameras}\
              rendered images: L1 {l1:.4}, SSIM {ssim:.3}\n{colors}\
              {}",
             t.iterations,
             t.seconds,
+            t.device.as_ref().map_or(String::new(), |name| format!(" on {name}")),
             t.splats_start,
             t.splats,
             run.join(SPLATS).display()

@@ -180,6 +180,7 @@ fn summary(cameras: &TrainedCameras, so_far: &TrainingSoFar) -> Trained {
         camera_max_px: Some(fits.iter().map(|v| v.max_px).fold(0.0, f64::max)),
         l1: of_images("l1"),
         ssim: of_images("ssim"),
+        device: None,
         colors: None,
     }
 }

@@ -3,6 +3,7 @@
 use super::PipelineError;
 use crate::affine::SiteFrame;
 use crate::prior::{InpaintCommand, PriorSource, PriorSources};
+use crate::splat::backend::DeviceChoice;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::recipe::{PerspectiveRecipe, Recipe, Start, StartPoints};
 use std::path::{Path, PathBuf};
@@ -29,6 +30,8 @@ pub struct TrainOptions {
     pub no_splats: bool,
     /// Seed of all random numbers. The same seed gives the same bytes.
     pub seed: u64,
+    /// Which device trains. Only photographs with ellipsoids can train on a GPU.
+    pub device: DeviceChoice,
     /// Iterations from one checkpoint to the next.
     pub checkpoint_every: u32,
     /// Fail unless there is a checkpoint to go on from.
@@ -61,6 +64,7 @@ impl Default for TrainOptions {
             iterations: None,
             no_splats: false,
             seed: 0,
+            device: DeviceChoice::default(),
             checkpoint_every: 500,
             resume: false,
             snapshots: 0,
@@ -100,6 +104,11 @@ impl TrainOptions {
         let recipe = self.recipe()?;
         if recipe.perspective.is_some() {
             return Err(PipelineError::RecipeOfPerspective { recipe: recipe.name });
+        }
+        if let DeviceChoice::Gpu(_) = self.device {
+            let (found, expected) =
+                (self.device.to_string(), "auto or cpu: satellite images train on the processor");
+            return Err(PipelineError::Option { option: "--device", found, expected });
         }
         if self.no_splats && (recipe.start != Start::Surface || recipe.then.is_some()) {
             let found = format!("given with recipe `{}`", recipe.name);

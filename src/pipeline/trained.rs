@@ -28,6 +28,9 @@ pub struct Trained {
     /// SSIM of rendered and real image, likewise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ssim: Option<f64>,
+    /// Name of the GPU that trained; none of the processor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// The training of colours for novel views that follows in some recipes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colors: Option<TrainedColors>,

@@ -24,6 +24,7 @@ pub struct TrainingStage<'a> {
 }
 
 /// A training so far: before its first iteration, after an interruption, or at its end.
+#[derive(Clone)]
 pub struct TrainingSoFar {
     /// Number of splats before the first iteration.
     pub splats_at_start: usize,
@@ -122,10 +123,26 @@ impl<'a> TrainingStage<'a> {
         views: M,
         schedule: &Schedule,
         so_far: TrainingSoFar,
-        snapshot: Option<Snapshot<M>>,
+        snapshot: Option<Snapshot<CpuBackend<M>>>,
     ) -> Result<(M, TrainingSoFar), PipelineError> {
         let TrainingSoFar { splats_at_start, mut log, state } = so_far;
         let mut backend = CpuBackend::new(views, state)?;
+        self.train_by(&mut backend, schedule, (splats_at_start, &mut log), snapshot)?;
+        let (views, state) = backend.into_parts();
+        Ok((views, TrainingSoFar { splats_at_start, log, state }))
+    }
+
+    /// As [`TrainingStage::train`], with a backend that has the state, whose training began with so many splats and has this log.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn train_by<B: TrainingBackend + ?Sized>(
+        &self,
+        backend: &mut B,
+        schedule: &Schedule,
+        (splats_at_start, log): (usize, &mut Vec<LogLine>),
+        snapshot: Option<Snapshot<B>>,
+    ) -> Result<(), PipelineError> {
         let is_picture_due = |done: u32| {
             let all = schedule.recipe.iterations;
             snapshot.is_some() && pictures::is_snapshot_due(self.options.snapshots, done, all)
@@ -133,7 +150,7 @@ impl<'a> TrainingStage<'a> {
         let is_checkpoint_due = |done: u32| done.is_multiple_of(self.options.checkpoint_every);
         let is_due = |done: u32| is_picture_due(done) || is_checkpoint_due(done);
         self.progress.event(Event::Resumable(true));
-        train(&mut backend, schedule, &mut log, self.progress, is_due, |backend, log| {
+        train(backend, schedule, log, self.progress, is_due, |backend, log| {
             let (done, is_interrupted) = (log.len() as u32, self.progress.is_cancelled());
             if let Some(draw) = snapshot.filter(|_| is_picture_due(done)) {
                 let path = self.folder.join(SNAPSHOTS).join(format!("{done:06}.png"));
@@ -153,9 +170,7 @@ impl<'a> TrainingStage<'a> {
         })?;
         self.progress.event(Event::Resumable(false));
         tracing::info!("{}", backend.times().table());
-        self.write_log(&log)?;
-        let (views, state) = backend.into_parts();
-        Ok((views, TrainingSoFar { splats_at_start, log, state }))
+        self.write_log(log)
     }
 
     /// Writes a line for each iteration, and the curves.
@@ -193,7 +208,7 @@ impl<'a> TrainingStage<'a> {
 }
 
 /// Draws a picture of a training after so many iterations.
-pub type Snapshot<'a, M> = &'a dyn Fn(&mut CpuBackend<M>, u32) -> Result<RgbImage, BackendError>;
+pub type Snapshot<'a, B> = &'a dyn Fn(&mut B, u32) -> Result<RgbImage, BackendError>;
 
 fn write_csv(path: &Path, log: &[LogLine]) -> Result<(), WriteError> {
     let failed = |reason: String| WriteError::new(path, reason);

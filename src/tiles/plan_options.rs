@@ -86,6 +86,7 @@ impl TileTraining {
             iterations,
             no_splats,
             seed,
+            device: _,
             checkpoint_every: _,
             resume: _,
             snapshots,

@@ -39,6 +39,7 @@ class Trained:
         camera_max_px: Largest such distance in any view, pixels.
         l1: Mean absolute difference between rendered and real images (values from 0 to 1); ``None`` without splats.
         ssim: Structural similarity of rendered and real images; ``None`` without splats.
+        device: Name of the GPU that trained; ``None`` of the processor.
         colors: Figures of the training of colours that followed; ``None`` of recipes without it.
         was_complete: Whether the run was trained already.
     """
@@ -52,6 +53,7 @@ class Trained:
     camera_max_px: float | None = None
     l1: float | None = None
     ssim: float | None = None
+    device: str | None = None
     colors: TrainedColors | None = None
 
 

@@ -11,7 +11,8 @@ use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
 use super::super::run_folder::tell_of_scene::check_poses;
 use super::super::train_options::TrainOptions;
 use super::super::trained::Trained;
-use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
+use super::super::training_stage::{TrainingSoFar, TrainingStage};
+use super::backend::train_photographs;
 use super::prior_pictures;
 use super::priors::{matched_scene, prior_sources, priors, starts_from_matches};
 use super::start::splats_at_start;
@@ -21,8 +22,7 @@ use crate::prior::{PriorContent, PriorFolder, PriorMaker, PriorSource};
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, PRIOR_PICTURES, SPLATS, START, TRAIN_STAGE};
 use crate::splat::appearance::AppearanceKind;
-use crate::splat::backend::TrainingBackend;
-use crate::splat::pinhole::{PinholeView, PinholeViews, WorkingFrame, comparison, extent_m};
+use crate::splat::pinhole::{PinholeView, WorkingFrame, extent_m};
 use crate::splat::recipe::Recipe;
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
@@ -99,10 +99,7 @@ pub fn train_scene(
         seed: options.seed,
     };
     let views = Arc::new(views);
-    let model = PinholeViews::new(views.clone(), &so_far.state);
-    let snapshot: Snapshot<_> =
-        &|backend, _| Ok(comparison(&views[0], &backend.render(&views[0].camera, 0)?));
-    let (_, so_far) = stage.train(model, &schedule, so_far, Some(snapshot))?;
+    let (so_far, device) = train_photographs(&stage, &views, &schedule, so_far, (options.device, progress))?;
 
     let splats = &so_far.state.splats;
     if let Err(e) = prior_pictures::write_pictures(&run.join(PRIOR_PICTURES), &views, splats) {
@@ -119,6 +116,7 @@ pub fn train_scene(
         camera_max_px: None,
         l1: Some(so_far.mean_of_last(views.len(), "l1")),
         ssim: Some(so_far.mean_of_last(views.len(), "ssim")),
+        device,
         colors: None,
     };
     stage.complete(&trained)?;
