@@ -28,13 +28,14 @@ const MATRIX_VIEWS: usize = 8;
 /// For a splat file (.ply, .compressed.ply, .spz, .glb with KHR_gaussian_splatting) it shows the number of splats, their extent,
 /// axes and place on the map, for a tileset.json of 3D Tiles its tiles and levels of detail.
 #[derive(clap::Args)]
+#[command(mut_arg("scene", |scene| scene.required(false).required_unless_present("devices")))]
 pub struct Args {
     #[command(flatten)]
     scene: Option<SceneArgs>,
     #[command(flatten)]
     perspective: PerspectiveArgs,
     /// List the GPUs that drivers offer, and what they lack for training
-    #[arg(long, exclusive = true)]
+    #[arg(long, conflicts_with = "scene")]
     devices: bool,
     /// Write the footprints of the images at the middle of the height range: GeoJSON, or GeoPackage if FILE ends in .gpkg
     #[arg(long, value_name = "FILE")]
