@@ -72,7 +72,7 @@ mod tests {
         assert_eq!(outline_of(&["#"]), [(0.0, 0.0), (1.0, 0.0), (1.0, -1.0), (0.0, -1.0)]);
         let shape = outline_of(&[".##.", "####", ".#.."]);
         assert_eq!(area(&shape), -7.0);
-        assert_eq!(shape.len(), 10);
+        assert_eq!(shape.len(), 12);
         // A hole is not cut out, unless it reaches the outside at a corner.
         assert_eq!(area(&outline_of(&["###", "#.#", "###"])), -9.0);
         assert_eq!(area(&outline_of(&["##.", "#.#", "###"])), -7.0);

@@ -87,7 +87,9 @@ mod tests {
     use clap::CommandFactory;
 
     /// Options that both kinds use, or about which the recipe of a training decides.
-    const OF_BOTH: [&str; 27] = [
+    const OF_BOTH: [&str; 29] = [
+        "device",
+        "devices",
         "output",
         "overwrite",
         "recipe",
