@@ -12,6 +12,7 @@ use crate::bundle::{
 };
 use crate::checkpoint::PartStore;
 use crate::coregister::{CoregisterError, Shift, to_control};
+use crate::fault::ErrorKind;
 use crate::frame::SiteGrid;
 use crate::io::{VerticalReference, write_json};
 use crate::progress::{Event, Progress};
@@ -146,7 +147,13 @@ pub(crate) fn adjust_locked(
         cell_m: None,
         store: Some(store.clone()),
     };
-    let adjustment = bundle::adjust(scene, &choices, progress)?;
+    let adjustment = bundle::adjust(scene, &choices, progress).inspect_err(|e| {
+        // What wrong input gave so far is of no use; an empty folder goes.
+        if e.kind() == ErrorKind::Input {
+            store.within(MATCHING).remove();
+            let _ = std::fs::remove_dir(&folder);
+        }
+    })?;
     if let Some(heights) = heights {
         warn_of_heights(&adjustment.points, heights, progress);
     }

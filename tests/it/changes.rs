@@ -37,8 +37,7 @@ fn a_house_that_was_built_and_one_that_was_torn_down_are_found_between_shifted_s
     // It lies 1.5 m farther east and 1 m farther south.
     write(&path("b.tif"), &later, MapGrid { west: grid.west + 1.5, north: grid.north - 1.0, ..grid });
     let words = ["changes", &path("a.tif"), &path("b.tif"), "-o", &path("found"), "--json"];
-    let said: Value = serde_json::from_slice(&succeeds(&words).stdout).unwrap();
-    let found = &said["summary"];
+    let found: Value = serde_json::from_slice(&succeeds(&words).stdout).unwrap();
     let number = |value: &Value| value.as_f64().unwrap();
     let moved: Vec<f64> = found["moved_m"].as_array().unwrap().iter().map(number).collect();
     let expected = [-1.5, 1.0, -1.7];
