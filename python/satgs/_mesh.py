@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,7 +53,7 @@ class Mesh:
             InputError: The ending is another one.
             FailedError: The file cannot be written.
         """
-        arrays = {
+        arrays: dict[str, NDArray[Any] | None] = {
             "vertices": np.asarray(self.vertices, dtype=np.float64),
             "triangles": np.asarray(self.triangles, dtype=np.uint32),
             "normals": None if self.normals is None else np.asarray(self.normals, dtype=np.float32),
