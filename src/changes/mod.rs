@@ -14,7 +14,7 @@ pub use regions::{Region, RegionRule};
 use crate::frame::metres_of_unit;
 use crate::io::{Grid2, MapGrid};
 use crate::metrics::{
-    HeightRaster, Method, MetricsError, Registration, onto_grid, registrations, to_one_reference,
+    HeightRaster, Method, MetricsError, Registration, onto_grid, registered, registrations, to_one_reference,
 };
 use crate::stats::quantile;
 use serde::Serialize;
@@ -101,10 +101,11 @@ impl Changes {
         }
         let [.., shift] = registrations(&as_it_is, unchanged, (f32::MIN, f32::MAX));
         debug_assert_eq!(shift.method, Method::Xyz);
-        let heights = moved(&after.height, &after.grid, &grid, &shift, shift.dz_m)?;
+        let heights = registered(&after.height, &after.grid, &grid, &shift)?;
         let difference = subtracted(&heights, &before.height);
         let of_later = later.expected_error.as_ref();
-        let of_later = of_later.map(|error| moved(error, &after.grid, &grid, &shift, 0.0)).transpose()?;
+        let level = Registration { dz_m: 0.0, ..shift };
+        let of_later = of_later.map(|error| registered(error, &after.grid, &grid, &level)).transpose()?;
         let sigma = sigma(&difference, earlier.expected_error.as_ref(), of_later.as_ref());
         let [east, north] = shift.moved_cells().map(|cells| cells * cell_m);
         Ok(Self {
@@ -149,35 +150,13 @@ fn notes(earlier: &mut HeightRaster, later: &mut HeightRaster) -> Result<Vec<Str
 }
 
 fn no_overlap(before: &HeightRaster, after: &HeightRaster, common: usize) -> ChangesError {
-    let extent = |grid: &MapGrid| {
-        let (w, s, e, n) = grid.bounds();
-        format!("{w:.0}, {s:.0}, {e:.0}, {n:.0} of EPSG:{}", grid.epsg)
-    };
     ChangesError::NoOverlap {
         earlier: before.path.clone(),
         later: after.path.clone(),
         common,
         needed: LEAST_COMMON_CELLS,
-        extents: format!("{} and {}", extent(&before.grid), extent(&after.grid)),
+        extents: format!("{} and {}", before.grid.extent(), after.grid.extent()),
     }
-}
-
-/// A raster on the grid `from`, moved by a registration and resampled to the grid `to`, with `up_m` added.
-fn moved(
-    raster: &Grid2,
-    from: &MapGrid,
-    to: &MapGrid,
-    shift: &Registration,
-    up_m: f64,
-) -> Result<Grid2, MetricsError> {
-    let at = MapGrid {
-        west: to.west + shift.dx_cells * to.cell,
-        north: to.north - shift.dy_cells * to.cell,
-        ..*to
-    };
-    let (mut raster, _) = onto_grid(raster, from, &at)?;
-    raster.data.iter_mut().for_each(|v| *v = (f64::from(*v) + up_m) as f32);
-    Ok(raster)
 }
 
 fn subtracted(from: &Grid2, what: &Grid2) -> Grid2 {

@@ -79,6 +79,13 @@ impl MapGrid {
             self.north,
         )
     }
+
+    /// The bounds and the CRS, for messages.
+    #[must_use]
+    pub fn extent(&self) -> String {
+        let (w, s, e, n) = self.bounds();
+        format!("{w:.0}, {s:.0}, {e:.0}, {n:.0} of EPSG:{}", self.epsg)
+    }
 }
 
 #[cfg(test)]

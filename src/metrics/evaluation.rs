@@ -4,7 +4,7 @@ use super::breakdown::Groups;
 use super::error_ranking::ErrorRanking;
 use super::ground::GroundSteps;
 use super::registration::{Method, Registration, registrations};
-use super::resample::{Sampling, onto_grid};
+use super::resample::{Sampling, onto_grid, registered};
 use super::{HeightRaster, MetricsError, PartScores, Scores, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid, metres_of_unit};
 use crate::io::{GeoidDifference, Grid2, MapGrid, VerticalReference};
@@ -114,14 +114,7 @@ impl Evaluation {
     /// Predicted heights moved by a registration and resampled to the truth's grid. They are sampled from their own raster,
     /// so that a shift loses no predicted cells at the edges.
     fn registered(&self, heights: &Grid2, r: &Registration) -> Result<Grid2, MetricsError> {
-        let moved = MapGrid {
-            west: self.grid.west + r.dx_cells * self.grid.cell,
-            north: self.grid.north - r.dy_cells * self.grid.cell,
-            ..self.grid
-        };
-        let (mut raster, _) = onto_grid(heights, &self.predicted_grid, &moved)?;
-        raster.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + r.dz_m) as f32);
-        Ok(raster)
+        registered(heights, &self.predicted_grid, &self.grid, r)
     }
 
     /// Replaces heights by errors, `clip(height) - land`.
@@ -230,7 +223,7 @@ pub fn evaluate(
             needed: LEAST_COMMON_CELLS,
             predicted: raster.valid().count(),
             land: land_cells,
-            extents: format!("{}, the truth {}", extent(&prediction.grid), extent(&grid)),
+            extents: format!("{}, the truth {}", prediction.grid.extent(), grid.extent()),
             prediction: prediction.path,
             truth: truth.surface.path,
         });
@@ -299,11 +292,6 @@ pub fn to_one_reference(a: &mut HeightRaster, b: &mut HeightRaster) -> Result<Ve
     }
     let done = [a.to_ellipsoid()?, b.to_ellipsoid()?];
     Ok(done.into_iter().flatten().collect())
-}
-
-fn extent(grid: &MapGrid) -> String {
-    let (w, s, e, n) = grid.bounds();
-    format!("{w:.0}, {s:.0}, {e:.0}, {n:.0} of EPSG:{}", grid.epsg)
 }
 
 /// The notes of an evaluation; `difference_m` is the median of prediction minus truth.

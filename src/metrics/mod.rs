@@ -36,7 +36,7 @@ pub use mesh_scores::{MeshScores, error_mesh, mesh_scores};
 pub(crate) use pattern_search::PatternSearch;
 pub use profile::Profile;
 pub use registration::{Method, Registration, registrations};
-pub use resample::{Sampling, onto_grid};
+pub use resample::{Sampling, onto_grid, registered};
 pub use scores::Scores;
 pub(crate) use shift_precision::{
     MEDIAN_TO_MEAN, STENCIL, ShiftPrecision, block_costs, block_of, is_rival, median_sigma,

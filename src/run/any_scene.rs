@@ -3,7 +3,7 @@
 use super::RunError;
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::pipeline::PipelineError;
-use crate::scene::{self, ReadOptions, Scene};
+use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
 /// A scene of either kind.
@@ -27,26 +27,10 @@ pub struct ReadPhotographs {
 }
 
 impl AnyScene {
-    /// Reads the scene at a path, with the options of its kind.
-    ///
-    /// # Errors
-    /// [`RunError::Pipeline`] of an image, a camera or an option that is wrong.
-    pub fn read(
-        path: &Path,
-        of_satellites: &ReadOptions,
-        of_photographs: &PerspectiveOptions,
-    ) -> Result<Self, RunError> {
-        if PerspectiveScene::is_one(path) {
-            return Self::read_photographs(path, of_photographs);
-        }
-        PerspectiveScene::require_satellite(path).map_err(PipelineError::from)?;
-        Ok(scene::read(path, of_satellites).map_err(PipelineError::from)?.into())
-    }
-
     /// Reads the perspective scene at a path.
     ///
     /// # Errors
-    /// As [`AnyScene::read`].
+    /// [`RunError::Pipeline`] of an image, a camera or an option that is wrong.
     pub fn read_photographs(path: &Path, options: &PerspectiveOptions) -> Result<Self, RunError> {
         let scene = PerspectiveScene::read(path, options).map_err(PipelineError::from)?;
         Ok(Self::Photographs(Box::new(ReadPhotographs {

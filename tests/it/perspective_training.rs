@@ -238,7 +238,10 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     run_photographs(&scene, &PerspectiveOptions::default(), &with_depths, &run, &told).unwrap();
     let notes = format!("{:?}", told.events());
     assert!(notes.contains("are relative, as the points of the scene show"), "{notes}");
-    assert!(notes.contains("depths of 7 views are aligned") && notes.contains("and with each other"), "{notes}");
+    assert!(
+        notes.contains("depths of 7 views are aligned") && notes.contains("and with each other"),
+        "{notes}"
+    );
     assert!(
         notes.contains("without --normal-prior the recipe's loss term normal_prior is left out"),
         "{notes}"
