@@ -3,8 +3,9 @@
 use super::breakdown::Groups;
 use super::error_ranking::ErrorRanking;
 use super::ground::GroundSteps;
+use super::registered::registered;
 use super::registration::{Method, Registration, registrations};
-use super::resample::{Sampling, onto_grid, registered};
+use super::resample::{Sampling, onto_grid};
 use super::{HeightRaster, MetricsError, PartScores, Scores, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid, metres_of_unit};
 use crate::io::{GeoidDifference, Grid2, MapGrid, VerticalReference};

@@ -18,6 +18,7 @@ mod ncc;
 mod pattern_search;
 mod phase;
 mod profile;
+mod registered;
 mod registration;
 mod resample;
 mod scores;
@@ -35,8 +36,9 @@ pub use fill::filled_by_nearest;
 pub use mesh_scores::{MeshScores, error_mesh, mesh_scores};
 pub(crate) use pattern_search::PatternSearch;
 pub use profile::Profile;
+pub use registered::registered;
 pub use registration::{Method, Registration, registrations};
-pub use resample::{Sampling, onto_grid, registered};
+pub use resample::{Sampling, onto_grid};
 pub use scores::Scores;
 pub(crate) use shift_precision::{
     MEDIAN_TO_MEAN, STENCIL, ShiftPrecision, block_costs, block_of, is_rival, median_sigma,

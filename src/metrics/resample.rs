@@ -1,10 +1,9 @@
 //! Resampling of a prediction to the grid of the truth: a window of whole cells is copied if the cells coincide, otherwise
 //! values are interpolated bilinearly.
 
-use super::{MetricsError, Registration};
+use super::MetricsError;
 use crate::frame::{CenterPx, Pixel, Point, Transform};
 use crate::io::{Grid2, MapGrid};
-use rayon::prelude::*;
 
 /// Largest offset between two grids that counts as none, cells (0.008 for the truth of JAX_068).
 const WHOLE_CELL: f64 = 0.02;
@@ -49,23 +48,6 @@ pub fn onto_grid(raster: &Grid2, from: &MapGrid, to: &MapGrid) -> Result<(Grid2,
         return Ok((cut, Sampling::WholeCells));
     }
     Ok((interpolated(raster, from, to, |p| p), Sampling::Bilinear))
-}
-
-/// Resamples heights on the grid `from` to the grid `to` of the truth after a registration; as [`onto_grid`].
-///
-/// # Errors
-/// As [`onto_grid`].
-pub fn registered(
-    heights: &Grid2,
-    from: &MapGrid,
-    to: &MapGrid,
-    by: &Registration,
-) -> Result<Grid2, MetricsError> {
-    let moved =
-        MapGrid { west: to.west + by.dx_cells * to.cell, north: to.north - by.dy_cells * to.cell, ..*to };
-    let (mut raster, _) = onto_grid(heights, from, &moved)?;
-    raster.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + by.dz_m) as f32);
-    Ok(raster)
 }
 
 fn interpolated(
