@@ -8,7 +8,7 @@ use super::cost::{Cost, RunSize};
 use crate::affine::{SiteScene, SiteView};
 use crate::mvs::FEW_VIEWS;
 use crate::scene::Role;
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{OfScene, Recipe};
 use crate::stats::quantile;
 
 /// Numbers of views, and the mean absolute height error with them in pixels, averaged over three towns with pixels of
@@ -64,7 +64,13 @@ impl Imaging {
     /// The size of a run of an area of this size by a recipe, whose views show all of it; `height_m` is the range of heights,
     /// and `cell_m` the size of the cells of its surface model, metres.
     #[must_use]
-    pub fn run_size(&self, recipe: &Recipe, area_m2: f64, height_m: f64, cell_m: f64) -> RunSize {
+    pub fn run_size(
+        &self,
+        recipe: &Recipe<impl OfScene>,
+        area_m2: f64,
+        height_m: f64,
+        cell_m: f64,
+    ) -> RunSize {
         RunSize {
             area_m2,
             surface_cells: area_m2 / cell_m.powi(2),
@@ -81,7 +87,7 @@ impl Imaging {
     #[must_use]
     pub fn cost(
         &self,
-        recipe: &Recipe,
+        recipe: &Recipe<impl OfScene>,
         (tiles, sides_m): (usize, [f64; 2]),
         height_m: f64,
         cell_m: f64,
