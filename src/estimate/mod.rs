@@ -5,6 +5,8 @@
 
 mod cost;
 mod expectation;
+mod machine;
 
 pub use cost::{Cost, RunSize};
 pub use expectation::{BEST_CONVERGENCE_DEG, Expectation, Imaging, best_convergence_deg};
+pub use machine::measured_cores;
