@@ -50,6 +50,7 @@ mod surface_source;
 mod train;
 mod train_options;
 mod trained;
+mod training_device;
 mod training_stage;
 mod view;
 

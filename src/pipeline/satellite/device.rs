@@ -1,0 +1,79 @@
+//! The device that trains satellite scenes for their heights.
+
+use super::super::PipelineError;
+use super::super::training_device::{AnyBackend, OnDevice, Opened, unsupported_recipe};
+use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
+use super::training::Training;
+use crate::affine::TrainingView;
+use crate::progress::Progress;
+use crate::splat::appearance::AppearanceKind;
+use crate::splat::backend::{BackendError, CpuBackend, DeviceChoice};
+use crate::splat::recipe::Recipe;
+use crate::splat::satellite::{NovelView, Picture, SatelliteScene, SatelliteViews};
+use crate::splat::state::TrainingState;
+use crate::splat::train::Schedule;
+
+/// Weights of the loss terms that a GPU computes.
+const TERMS_ON_GPU: [&str; 6] = [
+    "opacity",
+    "opacity_sum",
+    "consistency_altitude",
+    "consistency_color",
+    "shadow_entropy",
+    "surface_prior",
+];
+
+/// What a recipe has that GPUs cannot do yet.
+pub fn unsupported(recipe: &Recipe) -> Option<String> {
+    if recipe.appearance != AppearanceKind::Affine {
+        return Some("GPUs do not train the networks of SatGS's colours".into());
+    }
+    if recipe.uncertainty.is_some() {
+        return Some("GPUs do not compare images to find pixels that others do not confirm".into());
+    }
+    unsupported_recipe(recipe, &TERMS_ON_GPU)
+}
+
+/// Trains a scene on the device of the options, and returns its name if it is a GPU. `scene` makes the input of a training.
+///
+/// # Errors
+/// Those of [`OnDevice::train`].
+pub fn train_heights(
+    (stage, training): (&TrainingStage, &Training),
+    (views, scene): (&[TrainingView], &dyn Fn() -> SatelliteScene),
+    schedule: &Schedule,
+    so_far: TrainingSoFar,
+    (choice, progress): (DeviceChoice, &dyn Progress),
+) -> Result<(TrainingSoFar, Option<String>), PipelineError> {
+    let on_processor = |so_far: TrainingSoFar| {
+        let model = SatelliteViews::new(scene(), &so_far.state);
+        let snapshot: Snapshot<CpuBackend<SatelliteViews>> =
+            &|backend, done| training.picture(backend, views, done);
+        Ok(stage.train(model, schedule, so_far, Some(snapshot))?.1)
+    };
+    let snapshot: Snapshot<AnyBackend<NovelView, Picture>> =
+        &|backend, done| training.picture(backend, views, done);
+    let on_device = OnDevice { stage, schedule, choice, progress };
+    let what = (unsupported(schedule.recipe), views.len());
+    on_device.train(so_far, what, |state| open(choice, scene(), state), snapshot, on_processor)
+}
+
+#[cfg(feature = "gpu")]
+fn open(
+    choice: DeviceChoice,
+    scene: SatelliteScene,
+    state: &TrainingState,
+) -> Result<Opened<NovelView, Picture>, BackendError> {
+    let gpu = super::super::training_device::open_gpu(choice)?;
+    let name = gpu.info.name.clone();
+    Ok((Box::new(crate::splat::gpu::GpuBackend::of_satellites(gpu, scene, state.clone())?), name))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn open(
+    _: DeviceChoice,
+    _: SatelliteScene,
+    _: &TrainingState,
+) -> Result<Opened<NovelView, Picture>, BackendError> {
+    Err(BackendError::NoGpuSupport)
+}
