@@ -4,7 +4,9 @@
 //! `satgs run` print.
 
 mod cost;
+mod device_memory;
 mod expectation;
 
 pub use cost::{Cost, RunSize};
+pub use device_memory::{DeviceTraining, TILES_OF_SPLAT};
 pub use expectation::{BEST_CONVERGENCE_DEG, Expectation, Imaging, best_convergence_deg};

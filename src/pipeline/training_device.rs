@@ -27,10 +27,20 @@ pub struct OnDevice<'a> {
     pub progress: &'a dyn Progress,
 }
 
+/// What a training needs of a GPU.
+pub struct Needs {
+    /// What it has that GPUs cannot do; none if they can train it.
+    pub unsupported: Option<String>,
+    /// Number of colour models in its checkpoints.
+    pub appearances: usize,
+    /// Memory that it takes at first.
+    pub bytes: f64,
+}
+
 impl OnDevice<'_> {
     /// Trains on the device of the options, and returns its name if it is a GPU. With `auto`, a GPU that fails leaves the training to
-    /// the processor, which goes on from the last checkpoint; there are so many colour models in it. `unsupported` is what the training
-    /// has that GPUs cannot do, `open` makes the backend on a GPU, and `on_processor` trains on the processor.
+    /// the processor, which goes on from the last checkpoint. `open` makes the backend on a GPU, and `on_processor` trains on the
+    /// processor.
     ///
     /// # Errors
     /// [`PipelineError::Option`] for a GPU that cannot train so; [`PipelineError::Backend`] if a GPU is asked for and fails; those of
@@ -38,7 +48,7 @@ impl OnDevice<'_> {
     pub fn train<V, P>(
         &self,
         so_far: TrainingSoFar,
-        (unsupported, appearances): (Option<String>, usize),
+        Needs { unsupported, appearances, bytes }: Needs,
         open: impl FnOnce(&TrainingState) -> Result<Opened<V, P>, BackendError>,
         snapshot: Snapshot<AnyBackend<V, P>>,
         on_processor: impl FnOnce(TrainingSoFar) -> Result<TrainingSoFar, PipelineError>,
@@ -46,7 +56,9 @@ impl OnDevice<'_> {
         let Some((mut backend, name)) = self.gpu(unsupported, || open(&so_far.state))? else {
             return Ok((on_processor(so_far)?, None));
         };
-        self.progress.event(Event::Note(format!("training on {name}")));
+        let gigabytes = bytes / 1e9;
+        self.progress
+            .event(Event::Note(format!("training on {name}, with about {gigabytes:.1} GB of its memory")));
         let mut log = so_far.log.clone();
         let start = (so_far.splats_at_start, &mut log);
         let trained = self.stage.train_by(&mut *backend, self.schedule, start, Some(snapshot));
@@ -112,4 +124,16 @@ pub fn open_gpu(choice: DeviceChoice) -> Result<crate::splat::gpu::GpuDevice, Ba
     let gpu = crate::splat::gpu::GpuDevice::open(number)?;
     gpu.self_test()?;
     Ok(gpu)
+}
+
+#[cfg(all(test, feature = "gpu"))]
+mod tests {
+    use crate::estimate::TILES_OF_SPLAT;
+    use crate::splat::gpu::{DeviceViews, Photographs, Satellites};
+
+    #[test]
+    fn memory_is_planned_for_the_room_that_trainings_begin_with() {
+        let room = [Photographs::PAIRS_OF_SPLAT, Satellites::PAIRS_OF_SPLAT];
+        assert_eq!(TILES_OF_SPLAT.map(u64::from), room);
+    }
 }

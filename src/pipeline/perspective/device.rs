@@ -1,8 +1,9 @@
 //! The device that trains photographs.
 
 use super::super::PipelineError;
-use super::super::training_device::{AnyBackend, OnDevice, Opened, unsupported_recipe};
+use super::super::training_device::{AnyBackend, Needs, OnDevice, Opened, unsupported_recipe};
 use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
+use crate::estimate::DeviceTraining;
 use crate::perspective::PinholeCamera;
 use crate::progress::Progress;
 use crate::splat::backend::{BackendError, CpuBackend, DeviceChoice, TrainingBackend};
@@ -37,7 +38,15 @@ pub fn train_photographs(
     let snapshot: Snapshot<AnyBackend<PinholeCamera, PinholePicture>> =
         &|backend, _| Ok(comparison(&views[0], &backend.render(&views[0].camera, 0)?));
     let on_device = OnDevice { stage, schedule, choice, progress };
-    on_device.train(so_far, (unsupported, 0), |state| open(choice, views, state), snapshot, on_processor)
+    let pixels = || views.iter().map(|view| (view.camera.size.0 * view.camera.size.1) as f64);
+    let memory = DeviceTraining {
+        splats: so_far.state.splats.len() as f64,
+        pixels: pixels().fold(0.0, f64::max),
+        all_pixels: pixels().sum(),
+        sun_pixels: 0.0,
+    };
+    let needs = Needs { unsupported, appearances: 0, bytes: memory.photograph_bytes() };
+    on_device.train(so_far, needs, |state| open(choice, views, state), snapshot, on_processor)
 }
 
 #[cfg(feature = "gpu")]

@@ -1,10 +1,11 @@
 //! The device that trains satellite scenes for their heights.
 
 use super::super::PipelineError;
-use super::super::training_device::{AnyBackend, OnDevice, Opened, unsupported_recipe};
+use super::super::training_device::{AnyBackend, Needs, OnDevice, Opened, unsupported_recipe};
 use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use super::training::Training;
 use crate::affine::TrainingView;
+use crate::estimate::DeviceTraining;
 use crate::progress::Progress;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::{BackendError, CpuBackend, DeviceChoice};
@@ -54,8 +55,26 @@ pub fn train_heights(
     let snapshot: Snapshot<AnyBackend<NovelView, Picture>> =
         &|backend, done| training.picture(backend, views, done);
     let on_device = OnDevice { stage, schedule, choice, progress };
-    let what = (unsupported(schedule.recipe), views.len());
-    on_device.train(so_far, what, |state| open(choice, scene(), state), snapshot, on_processor)
+    let pixels = || views.iter().map(|view| (view.width * view.height) as f64);
+    let of_sun = views.iter().map(|view| sun_pixels(view, training.setup.altitudes));
+    let memory = DeviceTraining {
+        splats: so_far.state.splats.len() as f64,
+        pixels: pixels().fold(0.0, f64::max),
+        all_pixels: pixels().sum(),
+        sun_pixels: of_sun.fold(0.0, f64::max),
+    };
+    let needs = Needs {
+        unsupported: unsupported(schedule.recipe),
+        appearances: views.len(),
+        bytes: memory.satellite_bytes(),
+    };
+    on_device.train(so_far, needs, |state| open(choice, scene(), state), snapshot, on_processor)
+}
+
+/// Pixels of the image from the sun of a view.
+fn sun_pixels(view: &TrainingView, altitudes: (f64, f64)) -> f64 {
+    let novel = NovelView { camera: view.camera, size: (view.width, view.height), sun_shear: view.sun_shear };
+    novel.sun(altitudes).map_or(0.0, |sun| (sun.image.camera.width * sun.image.camera.height) as f64)
 }
 
 #[cfg(feature = "gpu")]

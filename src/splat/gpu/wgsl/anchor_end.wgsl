@@ -19,5 +19,7 @@ fn main(
     let own = anchorings[k];
     let residual = core[own.splat];
     residuals[k] = residual;
-    core[own.splat] = core_sum(residual, core[own.anchor]);
+    var composed = core_sum(residual, core[own.anchor]);
+    composed.anchored = 1.0;
+    core[own.splat] = composed;
 }
