@@ -54,6 +54,8 @@ pub const ORTHO: &str = "ortho.tif";
 pub const CONFIDENCE: &str = "confidence.tif";
 /// The products as a STAC Item.
 pub const ITEM: &str = "item.json";
+/// QGIS layers of the products, in the run's folder.
+pub const LAYERS: &str = "layers.qlr";
 /// The surface model in relief.
 pub const HILLSHADE: &str = "hillshade.tif";
 /// The bare ground.

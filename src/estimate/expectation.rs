@@ -8,7 +8,7 @@ use super::cost::{Cost, RunSize};
 use crate::affine::{SiteScene, SiteView};
 use crate::mvs::FEW_VIEWS;
 use crate::scene::Role;
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{OfScene, Recipe};
 use crate::stats::quantile;
 
 /// Numbers of views, and the mean absolute height error with them in pixels, averaged over three towns with pixels of
@@ -64,7 +64,13 @@ impl Imaging {
     /// The size of a run of an area of this size by a recipe, whose views show all of it; `height_m` is the range of heights,
     /// and `cell_m` the size of the cells of its surface model, metres.
     #[must_use]
-    pub fn run_size(&self, recipe: &Recipe, area_m2: f64, height_m: f64, cell_m: f64) -> RunSize {
+    pub fn run_size(
+        &self,
+        recipe: &Recipe<impl OfScene>,
+        area_m2: f64,
+        height_m: f64,
+        cell_m: f64,
+    ) -> RunSize {
         RunSize {
             area_m2,
             surface_cells: area_m2 / cell_m.powi(2),
@@ -81,7 +87,7 @@ impl Imaging {
     #[must_use]
     pub fn cost(
         &self,
-        recipe: &Recipe,
+        recipe: &Recipe<impl OfScene>,
         (tiles, sides_m): (usize, [f64; 2]),
         height_m: f64,
         cell_m: f64,
@@ -101,9 +107,10 @@ impl Imaging {
         }
     }
 
-    /// The error, time with a number of threads, and memory to expect, as a sentence.
+    /// The error, time with so many cores of the model's machine ([`measured_cores`](super::measured_cores)), and memory to
+    /// expect, as a sentence.
     #[must_use]
-    pub fn text(&self, cost: Cost, threads: usize) -> String {
+    pub fn text(&self, cost: Cost, cores: f64) -> String {
         let (Expectation { error_m, is_measured }, views) = (self.expectation(), self.views);
         let error = if is_measured {
             format!(
@@ -116,11 +123,11 @@ impl Imaging {
                 self.convergence_deg
             )
         };
-        let (minutes, gigabytes) = (cost.core_seconds / threads.max(1) as f64 / 60.0, cost.memory_mb / 1e3);
+        let (minutes, gigabytes) = (cost.core_seconds / cores / 60.0, cost.memory_mb / 1e3);
         let time =
             if minutes < 1.0 { "less than a minute".into() } else { format!("about {minutes:.0} minutes") };
         let mut out = format!(
-            "expected of recipe `best` with {views} views: {error}; {time} with {threads} threads, {gigabytes:.1} GB of memory"
+            "expected of recipe `best` with {views} views: {error}; {time} on this machine, {gigabytes:.1} GB of memory"
         );
         if views <= FEW_VIEWS {
             out += "; what no two views show is filled in and has 0 views in confidence.tif";

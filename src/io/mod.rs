@@ -60,7 +60,7 @@ pub use number_kind::NumberKind;
 pub use planes::Planes;
 pub use ply::PlyContent;
 pub use rgb_image::RgbImage;
-pub use style::color_style;
+pub use style::{ColorStops, color_pipe, color_style, picture_pipe, pipe_of_style, relief_pipe};
 pub use svg::{Drawing, escape_xml};
 pub use text::{decode_text, parse_number, read_text};
 pub use valid::ValidPixels;

@@ -1,11 +1,11 @@
 //! Surface model, orthophoto and confidence of a trained run: `satgs dsm`.
 
 use super::outdated;
+use super::product_lists::list_products;
 use super::products::Products;
 use super::report::renew_report;
 use super::run_folder::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
 use super::run_folder::tiled::{require_one_area, require_own_tile};
-use super::stac_item::write_item;
 use super::surface_source::{KnownSurface, SurfaceSource, satellite_surface};
 use super::{PipelineError, RunLock};
 use crate::dsm::{CellCounts, Dsm, Heights, hillshade};
@@ -163,7 +163,7 @@ pub fn dsm(
     match outcome {
         Outcome::Made(_) => renew_report(run)?,
         // Products may have been added.
-        Outcome::Kept(_) => write_item(run)?,
+        Outcome::Kept(_) => list_products(run)?,
     }
     Ok(outcome)
 }
@@ -237,7 +237,7 @@ pub(crate) fn before_training(
     let mut products = Vec::new();
     Product::add_those_of(made, &mut products);
     products.iter().try_for_each(|product| product.write(run, &surface, &heights))?;
-    write_item(run)?;
+    list_products(run)?;
     let [dsm, confidence, ortho] = [DSM, CONFIDENCE, ORTHO].map(|name| run.join(name));
     progress.event(Event::Note(format!(
         "`{}`, `{}` and `{}` are written; training will change only the colours of the orthophoto",

@@ -1,6 +1,7 @@
 //! Scores of a surface model against a reference: `satgs dsm-eval`.
 
 use super::PipelineError;
+use super::product_lists::list_products;
 use crate::dsm::{EXPECTED_ERROR_BAND, VIEWS_BAND, is_confirmed};
 use crate::io::{Cog, ImageFile, VerticalReference, check_writable, write_file};
 use crate::metrics::{
@@ -8,7 +9,7 @@ use crate::metrics::{
 };
 use crate::progress::{Event, Progress};
 use crate::report::{FIGURES, figures};
-use crate::run_files::{CONFIDENCE, ERROR_MAP, METRICS};
+use crate::run_files::{CONFIDENCE, DSM, ERROR_MAP, EVALUATION, METRICS};
 use std::path::{Path, PathBuf};
 
 /// Files of an evaluation besides the scores, the error map and the figures.
@@ -79,6 +80,11 @@ pub fn evaluate(
     }
     if let Some(folder) = output {
         write_files(&evaluation, &inputs, folder)?;
+        let is_of_run = folder.file_name().is_some_and(|name| name == EVALUATION);
+        if let Some(run) = folder.parent().filter(|run| is_of_run && run.join(DSM).exists()) {
+            // The layers of the run have the error map.
+            list_products(run)?;
+        }
     }
     Ok(evaluation)
 }

@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use super::outdated::outdated;
-use super::stac_item::write_item;
+use super::product_lists::list_products;
 use crate::report;
 use crate::run_files::{PAGE, PLAN};
 use std::path::{Path, PathBuf};
@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 pub fn report(run: &Path) -> Result<PathBuf, PipelineError> {
     let page = report::write(run, &outdated(run)?)?;
     // The Item lists the page.
-    write_item(run)?;
+    list_products(run)?;
     Ok(page)
 }
 
-/// Writes the page anew if there is one, and the STAC Item, after a change of the run. Those of several tiles are made with their
+/// Writes the page anew if there is one, and the lists of products, after a change of the run. Those of several tiles are made with their
 /// mosaic.
 pub(super) fn renew_report(run: &Path) -> Result<(), PipelineError> {
     if run.join(PLAN).exists() {
@@ -27,7 +27,7 @@ pub(super) fn renew_report(run: &Path) -> Result<(), PipelineError> {
     if run.join(PAGE).exists() {
         report(run)?;
     } else {
-        write_item(run)?;
+        list_products(run)?;
     }
     Ok(())
 }

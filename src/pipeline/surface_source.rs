@@ -93,7 +93,7 @@ pub(super) fn satellite_surface(
 ) -> Result<Dsm, PipelineError> {
     let setup = &cameras.setup;
     let reference = cameras.reference_appearance();
-    let source = match (matched, cameras.recipe.heights) {
+    let source = match (matched, cameras.recipe.kind.heights) {
         (Some(surface), _) => HeightsFrom::Matched(surface),
         (None, RayHeight::Median) => HeightsFrom::Median,
         (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },

@@ -6,7 +6,9 @@ use crate::affine::SiteFrame;
 use crate::prior::{InpaintCommand, PriorSource, PriorSources};
 use crate::splat::backend::DeviceChoice;
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::recipe::{PerspectiveRecipe, Recipe, Start, StartPoints};
+use crate::splat::recipe::{
+    OfScene, PerspectiveRecipe, Recipe, RecipeKind, SatelliteRecipe, Start, StartPoints,
+};
 use std::path::{Path, PathBuf};
 
 /// How to train.
@@ -101,49 +103,52 @@ impl TrainOptions {
     ///
     /// # Errors
     /// Also [`PipelineError::RecipeOfPerspective`].
-    pub fn satellite_recipe(&self) -> Result<Recipe, PipelineError> {
-        let recipe = self.recipe()?;
-        if recipe.perspective.is_some() {
-            return Err(PipelineError::RecipeOfPerspective { recipe: recipe.name });
-        }
+    pub fn satellite_recipe(&self) -> Result<Recipe<SatelliteRecipe>, PipelineError> {
+        let any = self.recipe()?;
+        let Some(recipe) = any.clone().of_kind::<SatelliteRecipe>() else {
+            return Err(PipelineError::RecipeOfPerspective { recipe: any.name });
+        };
         if let DeviceChoice::Gpu(_) = self.device {
-            let trainings = [Some(&recipe), recipe.then.as_deref()];
+            let trainings = [Some(&recipe), recipe.kind.then.as_deref()];
             if let Some(why) = trainings.into_iter().flatten().find_map(unsupported_on_gpu) {
                 let found = format!("{}, but {why}", self.device);
                 return Err(PipelineError::Option { option: "--device", found, expected: "auto or cpu" });
             }
         }
-        if self.no_splats && (recipe.start != Start::Surface || recipe.then.is_some()) {
+        if self.no_splats && (recipe.kind.start != Start::Surface || recipe.kind.then.is_some()) {
             let found = format!("given with recipe `{}`", recipe.name);
             let expected = "a recipe whose heights are matched, and nothing more: best";
             return Err(PipelineError::Option { option: "--no-splats", found, expected });
         }
-        self.require_use(recipe)
+        self.require_use(&any)?;
+        Ok(recipe)
     }
 
     /// As [`TrainOptions::recipe`], of a perspective scene.
     ///
     /// # Errors
     /// Also [`PipelineError::RecipeOfSatellites`].
-    pub fn perspective_recipe(&self) -> Result<Recipe, PipelineError> {
-        let recipe = self.recipe()?;
-        match recipe.perspective {
-            Some(_) => self.require_use(recipe),
-            None => Err(PipelineError::RecipeOfSatellites { recipe: recipe.name }),
-        }
+    pub fn perspective_recipe(&self) -> Result<Recipe<PerspectiveRecipe>, PipelineError> {
+        let any = self.recipe()?;
+        let Some(recipe) = any.clone().of_kind() else {
+            return Err(PipelineError::RecipeOfSatellites { recipe: any.name });
+        };
+        self.require_use(&any)?;
+        Ok(recipe)
     }
 
-    /// The recipe, unless it makes nothing of a file that is given.
-    fn require_use(&self, recipe: Recipe) -> Result<Recipe, PipelineError> {
+    /// An error, if the recipe makes nothing of a file that is given.
+    fn require_use(&self, recipe: &Recipe) -> Result<(), PipelineError> {
         let weighs = |names: &[&str]| names.iter().any(|name| recipe.weights.get(name) > 0.0);
         let PriorSources { depths, normals, .. } = &self.priors;
-        let of_colors = (recipe.then.is_some(), "none: of the recipes, satgs uses it");
-        let needs_depths = recipe.perspective.is_some_and(|p| p.start_points.needs_depths());
+        let of_colors =
+            (recipe.satellite().is_some_and(|s| s.then.is_some()), "none: of the recipes, satgs uses it");
+        let needs_depths = recipe.perspective().is_some_and(|p| p.start_points.needs_depths());
         let of_depths = weighs(&["depth_prior", "depth_smoothness"]) || needs_depths;
         let file = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
         let source = |source: &Option<PriorSource>| source.as_ref().map(ToString::to_string);
         let depths_expected = "none: recipes indoor and geoprop use it, and --start does";
-        let is_completed = recipe.perspective.is_some_and(|p| p.start_points == StartPoints::Gva);
+        let is_completed = recipe.perspective().is_some_and(|p| p.start_points == StartPoints::Gva);
         let inpaint = self.inpaint.as_ref().map(|command| command.text().to_owned());
         let normals_expected = "none: of the recipes, indoor uses it";
         let given = [
@@ -158,21 +163,24 @@ impl TrainOptions {
                 return Err(PipelineError::Option { option, found, expected });
             }
         }
-        Ok(recipe)
+        Ok(())
     }
 
     /// The recipe for a number of training views: few of them need fewer iterations than it has, unless a number is
     /// asked for.
-    pub(crate) fn recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
+    pub(crate) fn recipe_for(&self, views: usize) -> Result<Recipe<SatelliteRecipe>, PipelineError> {
         Ok(self.for_views(self.satellite_recipe()?, views))
     }
 
     /// As [`TrainOptions::recipe_for`], of a perspective scene.
-    pub(crate) fn perspective_recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
+    pub(crate) fn perspective_recipe_for(
+        &self,
+        views: usize,
+    ) -> Result<Recipe<PerspectiveRecipe>, PipelineError> {
         Ok(self.for_views(self.perspective_recipe()?, views))
     }
 
-    fn for_views(&self, recipe: Recipe, views: usize) -> Recipe {
+    fn for_views<K: OfScene>(&self, recipe: Recipe<K>, views: usize) -> Recipe<K> {
         if self.iterations.is_some() { recipe } else { recipe.for_views(views) }
     }
 
@@ -184,14 +192,16 @@ impl TrainOptions {
         };
         let mut recipe = Recipe { primitive: self.primitive.unwrap_or(recipe.primitive), ..recipe };
         if let Some(start_points) = self.start {
-            let perspective = recipe.perspective.ok_or_else(|| PipelineError::Option {
-                option: "--start",
-                found: format!("given with recipe `{}`", recipe.name),
-                expected: "a recipe of perspective scenes",
-            })?;
-            recipe.perspective = Some(PerspectiveRecipe { start_points, ..perspective });
+            let RecipeKind::Perspective(perspective) = &mut recipe.kind else {
+                return Err(PipelineError::Option {
+                    option: "--start",
+                    found: format!("given with recipe `{}`", recipe.name),
+                    expected: "a recipe of perspective scenes",
+                });
+            };
+            perspective.start_points = start_points;
         }
-        if self.reference_points && recipe.perspective.is_none() {
+        if self.reference_points && recipe.perspective().is_none() {
             let found = format!("given with recipe `{}`", recipe.name);
             let expected = "a recipe of perspective scenes";
             return Err(PipelineError::Option { option: "--reference-points", found, expected });

@@ -5,7 +5,7 @@ use super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use crate::progress::{Event, Progress};
 use crate::splat::backend::{BackendError, DeviceChoice, TrainingBackend};
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{OfScene, Recipe};
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
 
@@ -108,7 +108,7 @@ impl OnDevice<'_> {
 }
 
 /// What a recipe has that GPUs cannot do, if they compute the loss terms with these weights.
-pub fn unsupported_recipe(recipe: &Recipe, terms: &[&str]) -> Option<String> {
+pub fn unsupported_recipe<K: OfScene>(recipe: &Recipe<K>, terms: &[&str]) -> Option<String> {
     if recipe.primitive == PrimitiveKind::Disc {
         return Some("GPUs train ellipsoids only, not flat discs".into());
     }

@@ -114,7 +114,7 @@ pub fn report(run: &Path) -> Result<PathBuf, TilesError> {
     let colors: TileColors = read_json(&run.join(COLORS)).map_err(damaged)?;
     let page = write_page(run, &plan, &record.summary, &record.seams, &colors)?;
     // The Item lists the page.
-    crate::pipeline::write_item(run)?;
+    crate::pipeline::list_products(run)?;
     Ok(page)
 }
 

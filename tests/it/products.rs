@@ -147,6 +147,12 @@ fn products_are_added(town: &Town) {
     assert_eq!(properties["satgs:vertical_reference"], "ellipsoid");
     assert_eq!(item["bbox"].as_array().unwrap().len(), 4);
     assert_eq!(item["geometry"]["type"], "Polygon");
+    let layers = std::fs::read_to_string(town.file("layers.qlr")).unwrap();
+    let sources: Vec<&str> =
+        layers.split("<datasource>").skip(1).map(|s| &s[..s.find('<').unwrap()]).collect();
+    let (dsm, confidence) = ("./dsm.tif", "./confidence.tif");
+    assert_eq!(sources, [confidence, confidence, "./ortho.tif", dsm, dsm, "./ndsm.tif", "./dtm.tif"]);
+    assert_eq!(layers.matches("<pipe>").count(), sources.len(), "every layer has its drawing");
     let ground = identity(&town.file("dtm.tif"));
     let written = identity(&points);
     let again = succeeds(&all);

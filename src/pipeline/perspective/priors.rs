@@ -81,8 +81,8 @@ pub(super) fn priors(
 ) -> Result<Vec<ViewPriors>, PipelineError> {
     let sources = &prior_sources(scene, options)?;
     let working = &frame.enter(scene);
-    let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
-    let start = perspective.map(|p| p.start_points).unwrap_or_default();
+    let Recipe { weights, kind, .. } = options.perspective_recipe()?;
+    let start = kind.start_points;
     let training: Vec<&PerspectiveView> = working.training().collect();
     let has_sensor = has_sensor(scene);
     // Nobody asked for matching: training does without it where it fails.
@@ -161,8 +161,8 @@ pub(super) fn prior_sources(
     scene: &PerspectiveScene,
     options: &TrainOptions,
 ) -> Result<PriorSources, PipelineError> {
-    let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
-    let start = perspective.map(|p| p.start_points).unwrap_or_default();
+    let Recipe { weights, kind, .. } = options.perspective_recipe()?;
+    let start = kind.start_points;
     let uses_depths = weights.get("depth_prior") > 0.0 || start == StartPoints::Patches;
     let mut sources = options.priors.clone();
     if sources.depths.is_none() && uses_depths && !has_sensor(scene) && scene.training().count() > 1 {

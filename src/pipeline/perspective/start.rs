@@ -17,7 +17,7 @@ use crate::scene::Role;
 use crate::splat::anchored::{Anchoring, StartSplats, nearest_anchors};
 use crate::splat::pinhole::{PinholeView, splats_at_points, splats_on_rays};
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::recipe::{Recipe, StartPoints};
+use crate::splat::recipe::{PerspectiveRecipe, Recipe, StartPoints};
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
 use std::path::Path;
@@ -39,7 +39,7 @@ pub(super) fn splats_at_start(
     scene: &PerspectiveScene,
     predicted: Option<Splats>,
     views: &[PinholeView],
-    recipe: &Recipe,
+    recipe: &Recipe<PerspectiveRecipe>,
     options: &TrainOptions,
     run: &Path,
     progress: &dyn Progress,
@@ -70,7 +70,7 @@ pub(super) fn splats_at_start(
         )?;
         return Ok(trainable(made.splats, recipe));
     }
-    let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);
+    let start = recipe.kind.start_points;
     let has_depths = views.iter().any(|view| view.priors().depth().is_some());
     let has_enough = points.len() >= FEWEST_POINTS;
     let free = |points: &[ScenePoint]| splats_at_points(&colored(points), recipe.primitive).into();
@@ -102,7 +102,7 @@ pub(super) fn splats_at_start(
 }
 
 /// Predicted splats as training takes them: with coefficients of spherical harmonics that are zero, and flat if the recipe's are.
-fn trainable(mut splats: Splats, recipe: &Recipe) -> StartSplats {
+fn trainable(mut splats: Splats, recipe: &Recipe<PerspectiveRecipe>) -> StartSplats {
     splats.f_rest.resize(splats.len(), [0.0; 45]);
     if recipe.primitive == PrimitiveKind::Disc {
         splats.flatten();
@@ -167,7 +167,7 @@ fn aligned(
 
 /// Splats at the points, and at the proposals, each anchored to the splat nearest to it, with the colour of that one unless its own
 /// was painted.
-fn with_anchored(start: &AlignedStart, recipe: &Recipe, is_painted: bool) -> StartSplats {
+fn with_anchored(start: &AlignedStart, recipe: &Recipe<PerspectiveRecipe>, is_painted: bool) -> StartSplats {
     let mut splats = splats_at_points(&colored(&start.points), recipe.primitive);
     let reliable = start.points.len();
     let positions: Vec<[f64; 3]> = start.points.iter().map(|p| p.position.xyz()).collect();

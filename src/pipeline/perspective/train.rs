@@ -21,7 +21,7 @@ use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, PRIOR_PICTURES, SPLATS, START, TRAIN_STAGE};
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::pinhole::{PinholeView, WorkingFrame, extent_m};
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{PerspectiveRecipe, Recipe};
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
 use std::path::Path;
@@ -88,7 +88,7 @@ pub fn train_scene(
         }
     };
     let schedule = Schedule {
-        recipe: &recipe,
+        recipe: &recipe.clone().of_any(),
         views: views.len(),
         half_side_m: extent_m(&cameras),
         pixel_m: 0.0,
@@ -127,7 +127,7 @@ fn fingerprint(
     scene: &PerspectiveScene,
     frame: &WorkingFrame,
     options: &TrainOptions,
-    recipe: &Recipe,
+    recipe: &Recipe<PerspectiveRecipe>,
 ) -> Result<Fingerprint, PipelineError> {
     let json = |what: &'static str, value: Result<String, serde_json::Error>| {
         value.map_err(|source| PipelineError::Json { what, source })

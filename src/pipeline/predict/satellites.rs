@@ -19,7 +19,6 @@ use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, PREDICTED, PREDICTED_
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
-use crate::splat::recipe::Recipe;
 use crate::stats::median;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -83,7 +82,8 @@ pub fn predict(
     }
     require_images(&scene)?;
     let model = read_model(options)?;
-    let (setup, recipe, sparse) = setup_of(run, &scene)?;
+    let recipe = TrainOptions::default().satellite_recipe()?;
+    let (setup, sparse) = setup_of(run, &scene, recipe.kind.white)?;
     let views = setup.training_views(&scene)?;
     if views.is_empty() {
         return Err(SiteSceneError::NoViews.into());
@@ -129,20 +129,19 @@ pub fn predict(
     output.complete(predicted, progress)
 }
 
-/// The training scene, a recipe for what follows, and the sparse points. The scene of a trained run is kept.
-fn setup_of(run: &Path, scene: &Scene) -> Result<(SiteScene, Recipe, Vec<[f64; 3]>), PipelineError> {
+/// The training scene, with the white of a recipe, and the sparse points. The scene of a trained run is kept.
+fn setup_of(run: &Path, scene: &Scene, white: f32) -> Result<(SiteScene, Vec<[f64; 3]>), PipelineError> {
     let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
     let points = adjustment.positions();
-    let recipe = TrainOptions::default().satellite_recipe()?;
     let mut setup = if run.join(CAMERAS).exists() {
         TrainedCameras::read(run)?.setup
     } else {
         SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?
     };
     // Of a trained run it may be that of another recipe.
-    setup.transfer_function = setup.transfer_function.with_white(recipe.white);
+    setup.transfer_function = setup.transfer_function.with_white(white);
     let sparse = setup.sparse(&points).iter().map(|p| p.xyz()).collect();
-    Ok((setup, recipe, sparse))
+    Ok((setup, sparse))
 }
 
 /// The sparse points, with the resolution of the views.

@@ -8,7 +8,7 @@ use crate::run_files::{CAMERAS, SPLATS};
 use crate::scene::Role;
 use crate::splat::pinhole::{NEAREST, PinholePicture, WorkingFrame, extent_m};
 use crate::splat::ply;
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{PerspectiveRecipe, Recipe};
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
 use glam::{DMat3, DVec2, DVec3};
@@ -38,7 +38,7 @@ pub struct PerspectiveCameras {
     /// All views.
     pub views: Vec<TrainedPhoto>,
     /// What was trained by.
-    pub recipe: Recipe,
+    pub recipe: Recipe<PerspectiveRecipe>,
 }
 
 /// A view with the pinhole camera of its image after undistortion and downsampling. Axes are those of COLMAP: right, down,
@@ -164,7 +164,7 @@ pub fn write_trained(
     scene: &PerspectiveScene,
     frame: &WorkingFrame,
     splats: &Splats,
-    recipe: Recipe,
+    recipe: Recipe<PerspectiveRecipe>,
 ) -> Result<PerspectiveCameras, PipelineError> {
     let site = scene.georeference.as_ref().map(|g| g.grid);
     match &site {

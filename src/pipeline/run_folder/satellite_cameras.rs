@@ -9,7 +9,7 @@ use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
 use crate::splat::ply::{self, PlyError};
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{Recipe, SatelliteRecipe};
 use crate::splat::splats::{Splats, color_from_f_dc, f_dc_from_color};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -24,7 +24,7 @@ pub struct TrainedCameras {
     /// Name of every training view, and its parameters of the colour model.
     pub appearances: Vec<(String, Appearance)>,
     /// What was trained by.
-    pub recipe: Recipe,
+    pub recipe: Recipe<SatelliteRecipe>,
     /// Whether [`SURFACE`](crate::run_files::SURFACE) holds the trained surface matched with the views.
     pub is_matched: bool,
 }
@@ -154,7 +154,7 @@ mod tests {
             is_framed: false,
             transfer_function,
         };
-        let recipe = Recipe::named("best").unwrap();
+        let recipe = Recipe::named("best").unwrap().of_kind().unwrap();
         let cameras = TrainedCameras { setup, appearances: vec![], recipe, is_matched: false };
         let mut splats = Splats::default();
         splats.push([0.5; 3], 0.3, 0.9, [0.1, 0.3, -0.02]);

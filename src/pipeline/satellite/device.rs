@@ -9,7 +9,7 @@ use crate::estimate::DeviceTraining;
 use crate::progress::Progress;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::{BackendError, CpuBackend, DeviceChoice};
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{Recipe, SatelliteRecipe};
 use crate::splat::satellite::{NovelView, Picture, SatelliteScene, SatelliteViews};
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
@@ -25,11 +25,11 @@ const TERMS_ON_GPU: [&str; 6] = [
 ];
 
 /// What a recipe has that GPUs cannot do yet.
-pub fn unsupported(recipe: &Recipe) -> Option<String> {
-    if recipe.appearance != AppearanceKind::Affine {
+pub fn unsupported(recipe: &Recipe<SatelliteRecipe>) -> Option<String> {
+    if recipe.kind.appearance != AppearanceKind::Affine {
         return Some("GPUs do not train the networks of SatGS's colours".into());
     }
-    if recipe.uncertainty.is_some() {
+    if recipe.kind.uncertainty.is_some() {
         return Some("GPUs do not compare images to find pixels that others do not confirm".into());
     }
     unsupported_recipe(recipe, &TERMS_ON_GPU)
@@ -64,7 +64,7 @@ pub fn train_heights(
         sun_pixels: of_sun.fold(0.0, f64::max),
     };
     let needs = Needs {
-        unsupported: unsupported(schedule.recipe),
+        unsupported: unsupported(&training.recipe),
         appearances: views.len(),
         bytes: memory.satellite_bytes(),
     };

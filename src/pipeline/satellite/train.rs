@@ -12,7 +12,7 @@ use super::appearance::{self, OtherNetworks};
 use super::device;
 use super::training::Training;
 use crate::affine::{SiteSceneError, median_pixel_m};
-use crate::estimate::Imaging;
+use crate::estimate::{Imaging, measured_cores};
 use crate::mvs::DSM_CELL_M;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
@@ -20,7 +20,7 @@ use crate::run_files::{CAMERAS, SPLATS, TRAIN_STAGE};
 use crate::scene::Scene;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::loss::{Prior, TermInputs};
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{Recipe, SatelliteRecipe};
 use crate::splat::satellite::SatelliteScene;
 use crate::splat::train::Schedule;
 use std::path::Path;
@@ -37,7 +37,7 @@ pub fn train_locked(
     relocation::finish_locked(run)?;
     let scene = read_scene(run)?;
     let recipe = options.recipe_for(scene.training().count())?;
-    let then = recipe.then.clone();
+    let then = recipe.kind.then.clone();
     // Files are read before the long training.
     let networks = then.as_ref().map(|_| OtherNetworks::read(options)).transpose()?;
     let trained = train_heights(run, options, recipe, &scene, progress, surface_is_known)?;
@@ -50,7 +50,7 @@ pub fn train_locked(
 fn train_heights(
     run: &Path,
     options: &TrainOptions,
-    recipe: Recipe,
+    recipe: Recipe<SatelliteRecipe>,
     scene: &Scene,
     progress: &dyn Progress,
     surface_is_known: SurfaceIsKnown,
@@ -93,7 +93,7 @@ fn train_heights(
             let cameras = training.cameras(&so_far.state, &views, first.as_ref());
             surface_is_known(KnownSurface { cameras, splats: &so_far.state.splats, heights })?;
         }
-        let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
+        let (altitudes, appearance) = (training.setup.altitudes, training.recipe.kind.appearance);
         let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
         let scene = || SatelliteScene {
             views: views.clone(),
@@ -104,7 +104,7 @@ fn train_heights(
             visibility: None,
         };
         let schedule = Schedule {
-            recipe: &training.recipe,
+            recipe: &training.recipe.clone().of_any(),
             views: views.len(),
             half_side_m: training.setup.half_side_m(),
             pixel_m: median_pixel_m(&views),
@@ -151,14 +151,19 @@ fn tell_expectation(training: &Training, progress: &dyn Progress) {
     let ((west, south, east, north), (low, high)) = (setup.area, setup.altitudes);
     let whole = (1, [east - west, north - south]);
     let cost = imaging.cost(&training.recipe, whole, high - low, DSM_CELL_M);
-    progress.event(Event::Note(imaging.text(cost, rayon::current_num_threads())));
+    progress.event(Event::Note(imaging.text(cost, measured_cores())));
 }
 
 /// What a training is made from; its keys are the names of options on the command line.
-fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fingerprint, PipelineError> {
+fn fingerprint(
+    run: &Path,
+    options: &TrainOptions,
+    recipe: &Recipe<SatelliteRecipe>,
+) -> Result<Fingerprint, PipelineError> {
     // As written, so that another --iterations is not reported as a change of the whole recipe.
     // The training of colours that may follow is a stage of its own.
-    let own = Recipe { then: None, ..options.recipe_as_written()? };
+    let own = options.recipe_as_written()?.of_kind::<SatelliteRecipe>();
+    let own = own.map(|own| Recipe { kind: SatelliteRecipe { then: None, ..own.kind.clone() }, ..own });
     let choices =
         serde_json::to_string(&own).map_err(|source| PipelineError::Json { what: "the recipe", source })?;
     let frame = options.frame.as_ref().map(|frame| {

@@ -19,7 +19,7 @@ use crate::splat::backend::{BackendError, TrainingBackend};
 use crate::splat::init;
 use crate::splat::ply;
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::recipe::{Recipe, Start};
+use crate::splat::recipe::{Recipe, SatelliteRecipe, Start};
 use crate::splat::satellite::{NovelView, Picture};
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 pub struct Training<'a> {
     run: &'a Path,
     options: &'a TrainOptions,
-    pub recipe: Recipe,
+    pub recipe: Recipe<SatelliteRecipe>,
     pub setup: SiteScene,
     /// What gave the heights between which the surface is searched.
     heights: SearchedHeights,
@@ -43,7 +43,7 @@ impl<'a> Training<'a> {
     pub fn new(
         run: &'a Path,
         options: &'a TrainOptions,
-        recipe: Recipe,
+        recipe: Recipe<SatelliteRecipe>,
         scene: &Scene,
     ) -> Result<Self, PipelineError> {
         let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
@@ -53,7 +53,7 @@ impl<'a> Training<'a> {
             Some(frame) => SiteScene::in_frame(scene, &cameras, frame.clone())?,
             None => SiteScene::new(scene, &cameras, &points)?,
         };
-        setup.transfer_function = setup.transfer_function.with_white(recipe.white);
+        setup.transfer_function = setup.transfer_function.with_white(recipe.kind.white);
         for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
             tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
         }
@@ -122,7 +122,7 @@ impl<'a> Training<'a> {
         progress: &dyn Progress,
     ) -> Result<TrainingState, PipelineError> {
         let (start, appearances) = self.splats_at_start(views, first, progress)?;
-        let kind = self.recipe.appearance;
+        let kind = self.recipe.kind.appearance;
         let mut state = TrainingState::start(start, kind, views.len(), self.options.seed);
         let predicted = appearances.into_iter().filter(|appearance| appearance.kind == kind);
         state.appearances.iter_mut().zip(predicted).for_each(|((own, _), predicted)| *own = predicted);
@@ -140,7 +140,7 @@ impl<'a> Training<'a> {
         let (mut start, appearances) = match (self.predicted(views, first, progress)?, first) {
             (Some((splats, appearances)), _) => (splats.into(), appearances),
             (None, Some(first)) => (init::init_from_surface(first, views, primitive), Vec::new()),
-            (None, None) => match self.recipe.start {
+            (None, None) => match self.recipe.kind.start {
                 Start::Surface => return Err(MatchError::no_pair(views).into()),
                 Start::Points => (init::init_from_points(&self.sparse, setup.area, seed).into(), Vec::new()),
                 Start::Volume => {
@@ -170,7 +170,7 @@ impl<'a> Training<'a> {
             };
             let mut lights: Vec<Appearance> = views.iter().map(light_of).collect();
             // Predictions are made with a white of one; offsets are colours too.
-            let white = self.recipe.white;
+            let white = self.recipe.kind.white;
             if !self.setup.transfer_function.is_linear() && white != 1.0 {
                 splats.recolor(|v| white * v);
                 let affine = lights.iter_mut().filter(|light| light.kind == AppearanceKind::Affine);
@@ -192,14 +192,14 @@ impl<'a> Training<'a> {
 
     /// The sweep that finds the surface, if the recipe has one and two views can be matched.
     fn sweep(&self, views: &[TrainingView]) -> Option<PlaneSweep> {
-        let is_swept = self.recipe.start == Start::Surface;
+        let is_swept = self.recipe.kind.start == Start::Surface;
         is_swept.then(|| PlaneSweep::new(&self.setup, views, &self.sparse)).flatten()
     }
 
     /// The surface that training starts on, if there is one.
     pub fn first_surface(&self) -> Result<Option<MatchedSurface>, PipelineError> {
         let path = self.run.join(FIRST_SURFACE);
-        let is_used = self.recipe.start == Start::Surface && path.exists();
+        let is_used = self.recipe.kind.start == Start::Surface && path.exists();
         Ok(is_used.then(|| MatchedSurface::read(&path, &self.setup.site)).transpose()?)
     }
 
@@ -211,7 +211,7 @@ impl<'a> Training<'a> {
         done: u32,
     ) -> Result<RgbImage, BackendError> {
         let watched = self.setup.reference_among_training();
-        let panels = pictures::Panels::new(&views[watched], done > self.recipe.shadows_from);
+        let panels = pictures::Panels::new(&views[watched], done > self.recipe.kind.shadows_from);
         let picture = backend.render(&panels.from, watched)?;
         Ok(panels.draw(picture, self.setup.altitudes))
     }
@@ -256,7 +256,7 @@ impl<'a> Training<'a> {
         }
         let cameras = self.cameras(made, views, from);
         cameras.write_splats(run, &made.splats)?;
-        if cameras.recipe.then.is_some() {
+        if cameras.recipe.kind.then.is_some() {
             let shown = cameras.read_shown_splats(run)?;
             ply::write(&run.join(HEIGHT_SPLATS), &shown, &cameras.setup.site)?;
         }

@@ -18,7 +18,7 @@ use crate::splat::appearance::AppearanceKind;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::{BackendError, CpuBackend, StepPlan, StepReport, TrainingBackend, Wait};
 use crate::splat::loss::{LossWeights, Prior, TermInputs, column_names};
-use crate::splat::recipe::{Densification, Recipe};
+use crate::splat::recipe::{Densification, Recipe, RecipeKind};
 use crate::splat::satellite::{NovelView, SatelliteScene, SatelliteViews};
 use crate::splat::splats::{GROUP_INFO, Splats};
 use crate::splat::state::TrainingState;
@@ -249,16 +249,12 @@ fn losses_and_gradients_of_satellite_views_are_those_of_the_processor() {
 }
 
 /// A recipe of so many iterations with shadows, virtual views and checks among them; half resolution at first.
-fn recipe(name: &str, iterations: u32) -> Recipe {
-    let recipe = Recipe::named(name).unwrap().with_iterations(iterations);
+fn recipe(name: &str, iterations: u32, shadows_from: u32) -> Recipe {
+    let mut recipe = Recipe::named(name).unwrap().with_iterations(iterations);
+    let RecipeKind::Satellite(satellite) = &mut recipe.kind else { unreachable!() };
+    (satellite.shadows_from, satellite.half_resolution_until) = (shadows_from, 10);
     let densification = recipe.densification.map(|g| Densification { from: 20, max_splats: 2400, ..g });
-    Recipe {
-        check_every: 25,
-        shadows_from: iterations / 5,
-        half_resolution_until: 10,
-        densification,
-        ..recipe
-    }
+    Recipe { check_every: 25, densification, ..recipe }
 }
 
 /// Trains up to an iteration.
@@ -290,7 +286,7 @@ fn twenty_iterations_of_every_satellite_recipe_have_the_losses_of_the_processor(
     }
     let views = views(SIDES[1]);
     for name in ["eogs", "baeogs", "best"] {
-        let recipe = Recipe { shadows_from: 12, ..recipe(name, 300) };
+        let recipe = recipe(name, 300, 12);
         let (mut found, mut expected) = (Vec::new(), Vec::new());
         run(&mut on_device(&views, state()), &recipe, 20, &mut found);
         run(&mut on_processor(&views, state()), &recipe, 20, &mut expected);
@@ -324,7 +320,7 @@ fn a_town_is_as_accurate_as_that_of_the_processor() {
     }
     let views = views(SIDES[0]);
     let before = height_error(&state().splats);
-    let recipe = recipe("best", 300);
+    let recipe = recipe("best", 300, 60);
     let (mut device, mut processor) = (on_device(&views, state()), on_processor(&views, state()));
     let (mut log, mut of_processor) = (Vec::new(), Vec::new());
     run(&mut device, &recipe, 300, &mut log);
@@ -341,7 +337,7 @@ fn the_same_seed_gives_the_same_satellite_scene_also_with_little_room_and_after_
     if device().is_none() {
         return;
     }
-    let (views, recipe) = (views(SIDES[1]), recipe("best", 60));
+    let (views, recipe) = (views(SIDES[1]), recipe("best", 60, 12));
     let trained = |pairs: Option<u32>, stop: Option<u32>| {
         let (gpu, mut log) = (device().unwrap(), Vec::new());
         let satellites = Satellites::new(&gpu, scene(&views)).unwrap();
@@ -366,7 +362,7 @@ fn a_device_goes_on_where_the_processor_stopped_and_the_other_way_round() {
     if device().is_none() {
         return;
     }
-    let (views, recipe) = (views(SIDES[1]), recipe("best", 100));
+    let (views, recipe) = (views(SIDES[1]), recipe("best", 100, 20));
     let mut expected = Vec::new();
     run(&mut on_processor(&views, state()), &recipe, 40, &mut expected);
     let (mut first, mut second) = (Vec::new(), Vec::new());

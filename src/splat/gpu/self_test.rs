@@ -12,7 +12,7 @@ use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::{BackendError, CpuBackend, GpuError, TrainingBackend};
 use crate::splat::loss::TermInputs;
 use crate::splat::pinhole::{PinholeView, PinholeViews};
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{Recipe, RecipeKind};
 use crate::splat::satellite::{SatelliteScene, SatelliteViews};
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
@@ -56,7 +56,10 @@ impl GpuDevice {
 /// The losses of the iterations by a recipe; satellite views have shadows and a virtual view from the first on.
 fn losses<B: TrainingBackend>(recipe: &str, backend: &mut B) -> Result<Vec<f64>, BackendError> {
     let Some(recipe) = Recipe::named(recipe) else { return Ok(Vec::new()) };
-    let recipe = Recipe { shadows_from: 0, ..recipe.with_iterations(ITERATIONS) };
+    let mut recipe = recipe.with_iterations(ITERATIONS);
+    if let RecipeKind::Satellite(satellite) = &mut recipe.kind {
+        satellite.shadows_from = 0;
+    }
     let schedule = Schedule {
         recipe: &recipe,
         views: 1,

@@ -84,16 +84,11 @@ fn trained(recipe: &Recipe, threads: usize) -> (TrainingState, Vec<LogLine>) {
 
 /// The recipe with fast positions and priors from the start.
 fn recipe(iterations: u32) -> Recipe {
-    let indoor = Recipe::named("indoor").unwrap();
-    let perspective = indoor.perspective.map(|p| PerspectiveRecipe {
-        last_position_rate: 3e-3,
-        priors_from: 0,
-        normals_from: 0,
-        ..p
-    });
-    let mut recipe = Recipe { iterations, perspective, ..indoor };
+    let indoor = Recipe::named("indoor").unwrap().of_kind::<PerspectiveRecipe>().unwrap();
+    let kind = PerspectiveRecipe { last_position_rate: 3e-3, priors_from: 0, normals_from: 0, ..indoor.kind };
+    let mut recipe = Recipe { iterations, kind, ..indoor };
     recipe.rates.position = 3e-3;
-    recipe
+    recipe.of_any()
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Reading and writing a recipe as TOML, with the checks of its values.
 
-use super::{Densification, Recipe};
+use super::{Densification, PerspectiveRecipe, Recipe, SatelliteRecipe};
 use crate::io::read_text;
 use crate::splat::primitive::PrimitiveKind;
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ impl Recipe {
     /// A weight of a term of perspective scenes, or of discs in these, if the recipe is for other scenes or splats, and what
     /// the term is of.
     pub fn idle_weight(&self) -> Option<(&'static str, &'static str)> {
-        let is_photographed = self.perspective.is_some();
+        let is_photographed = self.perspective().is_some();
         let has_discs = is_photographed && self.primitive == PrimitiveKind::Disc;
         let of_discs = ("discs in perspective scenes", has_discs);
         let of_photographs = ("perspective scenes", is_photographed);
@@ -84,6 +84,8 @@ impl Recipe {
         let r = &self.rates;
         let of_densification =
             |value: fn(&Densification) -> f64| self.densification.as_ref().map_or(0.0, value);
+        let of_satellite = |value: fn(&SatelliteRecipe) -> f64| self.satellite().map_or(0.0, value);
+        let of_perspective = |value: fn(&PerspectiveRecipe) -> f64| self.perspective().map_or(0.0, value);
         let numbers = [
             ("rates.position", r.position),
             ("rates.log_scale", r.log_scale),
@@ -91,15 +93,12 @@ impl Recipe {
             ("rates.opacity_logit", r.opacity_logit),
             ("rates.f_dc", r.f_dc),
             ("rates.f_rest", r.f_rest),
-            ("perspective.prune_above", self.perspective.map_or(0.0, |p| p.prune_above)),
-            (
-                "perspective.last_opacity_sum",
-                self.perspective.and_then(|p| p.last_opacity_sum).unwrap_or_default(),
-            ),
-            ("appearance_rate", self.appearance_rate),
-            ("half_resolution_px_m", self.half_resolution_px_m),
-            ("white", self.white.into()),
-            ("virtual_shear", self.virtual_shear),
+            ("perspective.prune_above", of_perspective(|p| p.prune_above)),
+            ("perspective.last_opacity_sum", of_perspective(|p| p.last_opacity_sum.unwrap_or_default())),
+            ("satellite.appearance_rate", of_satellite(|s| s.appearance_rate)),
+            ("satellite.half_resolution_px_m", of_satellite(|s| s.half_resolution_px_m)),
+            ("satellite.white", of_satellite(|s| s.white.into())),
+            ("satellite.virtual_shear", of_satellite(|s| s.virtual_shear)),
             ("densification.max_scale", of_densification(|g| g.max_scale.unwrap_or_default())),
             ("densification.max_radius", of_densification(|g| g.max_radius.unwrap_or_default())),
             ("densification.gradient", of_densification(|g| g.gradient)),
@@ -120,10 +119,10 @@ impl Recipe {
                 ));
             }
         }
-        if self.white == 0.0 {
-            return Err("white = 0, but must be above 0".into());
+        if self.satellite().is_some_and(|s| s.white == 0.0) {
+            return Err("satellite.white = 0, but must be above 0".into());
         }
-        if let Some(p) = &self.perspective {
+        if let Some(p) = self.perspective() {
             let (first, last) = (r.position, p.last_position_rate);
             if !(first > 0.0 && last > 0.0 && last.is_finite()) {
                 return Err(format!(
@@ -147,9 +146,9 @@ impl Recipe {
         let idle_rounds = unequal.and_then(|g| g.active).map_or(1, |growth| growth.idle_rounds);
         let counts = [
             ("densification.active.idle_rounds", idle_rounds.into()),
-            ("perspective.sh_degree_every", self.perspective.map_or(1, |p| p.sh_degree_every)),
+            ("perspective.sh_degree_every", self.perspective().map_or(1, |p| p.sh_degree_every)),
             ("iterations", self.iterations),
-            ("virtual_every", self.virtual_every),
+            ("satellite.virtual_every", self.satellite().map_or(1, |s| s.virtual_every)),
             ("check_every", self.check_every),
             ("reset.every", self.reset.map_or(1, |r| r.every)),
         ];
@@ -193,15 +192,16 @@ mod tests {
             ("gradient = 0.0006", "gradient = -1.0", "densification.gradient = -1"),
             ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0,"),
             ("copy_below = 0.01", "copy_below = 0.01\nactive = { idle_rounds = 5 }", "densification.active"),
-            ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
+            ("virtual_every = 2", "virtual_every = 0", "satellite.virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),
             ("densification_pause = 500", "densification_pause = 3000", "reset.densification_pause = 3000"),
             ("iterations = 5000", "iterations = 0", "iterations = 0"),
-            ("white = 1.0", "white = 0.0", "white = 0"),
+            ("white = 1.0", "white = 0.0", "satellite.white = 0"),
             ("shadow_entropy = 0.01", "shadow_entropy = -1.0", "weights.shadow_entropy = -1"),
             ("shadow_entropy = 0.01", "entropy = 0.01", "no loss term has the weight `entropy`"),
             ("start = \"points\"", "begin = \"points\"", "unknown field `begin`"),
             ("start = \"points\"", "start = \"sky\"", "line"),
+            ("[satellite]", "[perspective]", "unknown field `appearance`"),
         ] {
             let changed = text.replacen(from, to, 1);
             assert_ne!(changed, text, "{from}");

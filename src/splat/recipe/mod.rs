@@ -5,9 +5,13 @@
 //! cameras instead (3DGS).
 
 mod file;
+mod parts;
 mod presets;
 
 pub use file::RecipeError;
+pub use parts::{
+    ActiveGrowth, Background, Densification, NetworkRates, OpacityReset, RayHeight, Start, StartPoints,
+};
 
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
@@ -18,121 +22,6 @@ use serde::{Deserialize, Serialize};
 
 /// Iterations for each of few training views, at most those of the recipe: fewer views converge in fewer iterations.
 const ITERATIONS_PER_VIEW: u32 = 500;
-
-/// How the splats are initialised.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Start {
-    /// On the surface that dense stereo matching gives. That surface also refines the DSM after training; with the other
-    /// initialisations the DSM comes from the splats alone.
-    Surface,
-    /// At the sparse points of the bundle adjustment, with a level ground plane of splats (BAEOGS §3.1).
-    Points,
-    /// Evenly in the volume over the area between the lowest and the highest altitude (EOGS).
-    #[serde(rename = "box")]
-    Volume,
-}
-
-/// Which altitude along a vertical ray through the splats becomes the height of the DSM.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RayHeight {
-    /// The altitude at which the transmittance from above falls below one half.
-    #[default]
-    Median,
-    /// The alpha-composited mean altitude, averaged over the cell and its eight neighbours; the remaining transmittance
-    /// counts as the lowest altitude of the scene (EOGS).
-    Mean,
-}
-
-/// Active growth: splats that have grown are replaced by four parts at once as long as the images ask for more (IndoorSplat
-/// §4.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ActiveGrowth {
-    /// Number of checks without growth after which a splat is active no longer.
-    pub idle_rounds: u8,
-}
-
-/// Densification: when and which splats are duplicated or split (BAEOGS §3.3, on gsplat's default strategy).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Densification {
-    /// First iteration of densification.
-    pub from: u32,
-    /// Last iteration of densification.
-    pub until: u32,
-    /// Splats with a larger scale (the largest of the three) are densified, *cube* half sides.
-    pub max_scale: Option<f64>,
-    /// Splats with a larger projected radius are densified, as a fraction of the longer image side.
-    pub max_radius: Option<f64>,
-    /// Splats with a larger mean norm of the gradient by the 2-D mean are densified; per half image side.
-    pub gradient: f64,
-    /// Splats with a smaller scale are duplicated, larger ones are split in two, *cube* half sides.
-    pub copy_below: f64,
-    /// Largest number of splats.
-    pub max_splats: u32,
-    /// Active growth; splats grow equally if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub active: Option<ActiveGrowth>,
-}
-
-/// Opacity resets (BAEOGS §3.3).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OpacityReset {
-    /// Iterations between resets.
-    pub every: u32,
-    /// Opacities above this are lowered to it.
-    pub opacity: f64,
-    /// Number of iterations after a reset without the opacity loss.
-    pub opacity_loss_pause: u32,
-    /// Number of iterations after a reset without densification and pruning.
-    pub densification_pause: u32,
-    /// Iteration from which on there are no more resets; by default the last.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub until: Option<u32>,
-}
-
-/// The colour behind the splats while a perspective scene is trained.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Background {
-    /// Black in every iteration.
-    #[default]
-    Black,
-    /// A random colour in every iteration, so that splats cover whatever the images cover.
-    Random,
-}
-
-/// The points that training of a perspective scene starts from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum StartPoints {
-    /// Those of the scene, else those of its depth maps, else random ones.
-    #[default]
-    Scene,
-    /// Those of the scene, and more in patches of views that have few, by priors of depths (IndoorSplat §4.1).
-    Patches,
-    /// One for each pixel, by priors of depths that are aligned with the points of the scene (GeoProp-GS §3.1, HDD).
-    Hdd,
-    /// As `hdd`, and anchored ones where no view sees anything (GeoProp-GS §3.2, GVA).
-    Gva,
-}
-
-impl StartPoints {
-    /// Whether priors of depths are used.
-    #[must_use]
-    pub fn needs_depths(self) -> bool {
-        self != Self::Scene
-    }
-
-    /// Whether the start itself aligns priors of depths with the scene, each view on its own (HDD).
-    #[must_use]
-    pub fn aligns_depths(self) -> bool {
-        matches!(self, Self::Hdd | Self::Gva)
-    }
-}
 
 /// What only recipes of perspective scenes have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -184,26 +73,12 @@ impl PerspectiveRecipe {
     }
 }
 
-/// Learning rates of Adam for the networks of a colour model.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct NetworkRates {
-    /// Of the tables of the position encoding.
-    pub tables: f64,
-    /// Of the network that tones colours; 0 for colours that differ only by light.
-    pub tone: f64,
-    /// Of the networks of shadows and sky; 0 for colours without shadows.
-    pub shadow: f64,
-}
-
-/// A named, complete set of training options.
+/// What only recipes of satellite scenes have.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recipe {
-    /// Name of the recipe.
-    pub name: String,
-    /// Number of iterations. The recipe's other iteration numbers scale with it ([`Recipe::with_iterations`]).
-    pub iterations: u32,
+pub struct SatelliteRecipe {
+    /// How the splats are initialised.
+    pub start: Start,
     /// Number of iterations at half the images' resolution, before those at full resolution.
     pub half_resolution_until: u32,
     /// Largest pixel size at half resolution, metres. Where it would be exceeded, all iterations are at full resolution:
@@ -214,26 +89,14 @@ pub struct Recipe {
     /// so that the opacity loss weighs more.
     #[serde(default = "white")]
     pub white: f32,
-    /// The kind of splats: `3d` for ellipsoids, `2d` for flat discs.
-    #[serde(default, skip_serializing_if = "PrimitiveKind::is_default")]
-    pub primitive: PrimitiveKind,
-    /// How the splats are initialised.
-    pub start: Start,
-    /// Learning rates of Adam for each parameter group of the splats. That of positions is in *cube* half sides (EOGS:
-    /// 0.00016 times its radius of 2.2).
-    pub rates: PerGroup<f64>,
+    /// The colour model.
+    #[serde(default)]
+    pub appearance: AppearanceKind,
     /// Learning rate of Adam for the parameters of the colour model.
     pub appearance_rate: f64,
     /// Learning rates of Adam for the networks of the colour model; none for models without networks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_rates: Option<NetworkRates>,
-    /// Weights of the loss terms by name; absent ones are zero. EOGS's `L_opacity` is `opacity`, `L_new_altitude` and
-    /// `L_new_rgb` are `consistency_altitude` (per metre) and `consistency_color`, and `L_translucentshadows` is
-    /// `shadow_entropy`. `surface_prior` is not in the papers; it needs an initialisation on the matched surface.
-    pub weights: LossWeights,
-    /// The colour model.
-    #[serde(default)]
-    pub appearance: AppearanceKind,
     /// Whether the opacity loss divides the sum of opacities by the initial number of splats (EOGS) instead of the current
     /// number (BAEOGS).
     pub opacity_by_start: bool,
@@ -245,28 +108,218 @@ pub struct Recipe {
     /// A virtual view is rendered once in this number of iterations, and the consistency loss is multiplied by the number.
     #[serde(default = "always")]
     pub virtual_every: u32,
-    /// Number of iterations between checks, at which splats are pruned and densified.
-    pub check_every: u32,
-    /// Densification; none if absent.
-    pub densification: Option<Densification>,
-    /// Splats with a smaller opacity are removed at checks (BAEOGS: 0.0025), in perspective scenes at those with densification (3DGS).
-    pub prune_below: f64,
     /// Which altitude becomes the DSM's height, where the DSM comes from the splats alone.
     #[serde(default)]
     pub heights: RayHeight,
-    /// Opacity resets; none if absent.
-    pub reset: Option<OpacityReset>,
-    /// What only recipes of perspective scenes have; none in those of satellite scenes. Of the values above, those of half
-    /// resolution, white, colour model, shadows and virtual views are not used in perspective scenes.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub perspective: Option<PerspectiveRecipe>,
     /// How pixels that other images do not confirm are left out; all count alike if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<UncertaintyRecipe>,
     /// A second training, of the colours for novel views, from the splats of this one; none if absent. Height products come
     /// from this training in any case.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub then: Option<Box<Recipe>>,
+    pub then: Option<Box<Recipe<SatelliteRecipe>>>,
+}
+
+/// The kind of scene that a recipe trains, with the options that only recipes of this kind have.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RecipeKind {
+    /// Satellite images.
+    Satellite(SatelliteRecipe),
+    /// Photographs.
+    Perspective(PerspectiveRecipe),
+}
+
+/// A named, complete set of training options: of any scene, or of the one kind `K`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RecipeFile", into = "RecipeFile")]
+#[serde(bound = "K: OfScene")]
+pub struct Recipe<K: OfScene = RecipeKind> {
+    /// Name of the recipe.
+    pub name: String,
+    /// Number of iterations. The recipe's other iteration numbers scale with it ([`Recipe::with_iterations`]).
+    pub iterations: u32,
+    /// The kind of splats: `3d` for ellipsoids, `2d` for flat discs.
+    pub primitive: PrimitiveKind,
+    /// Learning rates of Adam for each parameter group of the splats. That of positions is in *cube* half sides (EOGS:
+    /// 0.00016 times its radius of 2.2).
+    pub rates: PerGroup<f64>,
+    /// Weights of the loss terms by name; absent ones are zero. EOGS's `L_opacity` is `opacity`, `L_new_altitude` and
+    /// `L_new_rgb` are `consistency_altitude` (per metre) and `consistency_color`, and `L_translucentshadows` is
+    /// `shadow_entropy`. `surface_prior` is not in the papers; it needs an initialisation on the matched surface.
+    pub weights: LossWeights,
+    /// Number of iterations between checks, at which splats are pruned and densified.
+    pub check_every: u32,
+    /// Densification; none if absent.
+    pub densification: Option<Densification>,
+    /// Splats with a smaller opacity are removed at checks (BAEOGS: 0.0025), in perspective scenes at those with densification (3DGS).
+    pub prune_below: f64,
+    /// Opacity resets; none if absent.
+    pub reset: Option<OpacityReset>,
+    /// What depends on the kind of scene.
+    pub kind: K,
+}
+
+/// The options that depend on the kind of scene: [`SatelliteRecipe`], [`PerspectiveRecipe`], or [`RecipeKind`], one of the two.
+pub trait OfScene: Clone {
+    /// Those of a kind; none if they are of another.
+    fn of(kind: RecipeKind) -> Option<Self>;
+
+    /// The options with the kind that they are of.
+    fn kind(self) -> RecipeKind;
+
+    /// Whether so few training views need fewer iterations, of a recipe that adds splats or does not.
+    fn are_few(&self, views: usize, adds_splats: bool) -> bool;
+
+    /// The same options with all iteration numbers scaled.
+    #[must_use]
+    fn scaled(&self, scale: &dyn Fn(u32) -> u32) -> Self;
+}
+
+impl OfScene for SatelliteRecipe {
+    fn of(kind: RecipeKind) -> Option<Self> {
+        if let RecipeKind::Satellite(satellite) = kind { Some(satellite) } else { None }
+    }
+
+    fn kind(self) -> RecipeKind {
+        RecipeKind::Satellite(self)
+    }
+
+    fn are_few(&self, views: usize, _: bool) -> bool {
+        self.start == Start::Surface && views <= crate::mvs::FEW_VIEWS
+    }
+
+    fn scaled(&self, scale: &dyn Fn(u32) -> u32) -> Self {
+        Self {
+            half_resolution_until: scale(self.half_resolution_until),
+            shadows_from: scale(self.shadows_from),
+            uncertainty: self.uncertainty.map(|u| UncertaintyRecipe {
+                from: scale(u.from),
+                full_from: scale(u.full_from),
+                ..u
+            }),
+            then: self.then.as_ref().map(|then| Box::new(then.with_iterations(scale(then.iterations)))),
+            ..self.clone()
+        }
+    }
+}
+
+impl OfScene for PerspectiveRecipe {
+    fn of(kind: RecipeKind) -> Option<Self> {
+        if let RecipeKind::Perspective(perspective) = kind { Some(perspective) } else { None }
+    }
+
+    fn kind(self) -> RecipeKind {
+        RecipeKind::Perspective(self)
+    }
+
+    fn are_few(&self, _: usize, adds_splats: bool) -> bool {
+        !adds_splats
+    }
+
+    fn scaled(&self, scale: &dyn Fn(u32) -> u32) -> Self {
+        Self {
+            sh_degree_every: scale(self.sh_degree_every).max(1),
+            normals_from: scale(self.normals_from),
+            distortion_from: scale(self.distortion_from),
+            priors_from: scale(self.priors_from),
+            ..*self
+        }
+    }
+}
+
+impl OfScene for RecipeKind {
+    fn of(kind: RecipeKind) -> Option<Self> {
+        Some(kind)
+    }
+
+    fn kind(self) -> RecipeKind {
+        self
+    }
+
+    fn are_few(&self, views: usize, adds_splats: bool) -> bool {
+        match self {
+            Self::Satellite(satellite) => satellite.are_few(views, adds_splats),
+            Self::Perspective(perspective) => perspective.are_few(views, adds_splats),
+        }
+    }
+
+    fn scaled(&self, scale: &dyn Fn(u32) -> u32) -> Self {
+        match self {
+            Self::Satellite(satellite) => Self::Satellite(satellite.scaled(scale)),
+            Self::Perspective(perspective) => Self::Perspective(perspective.scaled(scale)),
+        }
+    }
+}
+
+/// A recipe as a file has it: the kind of scene is told by which of the tables `[satellite]` and `[perspective]` is there.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecipeFile {
+    name: String,
+    iterations: u32,
+    #[serde(default, skip_serializing_if = "PrimitiveKind::is_default")]
+    primitive: PrimitiveKind,
+    check_every: u32,
+    prune_below: f64,
+    rates: PerGroup<f64>,
+    weights: LossWeights,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    satellite: Option<SatelliteRecipe>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    perspective: Option<PerspectiveRecipe>,
+    densification: Option<Densification>,
+    reset: Option<OpacityReset>,
+}
+
+impl<K: OfScene> TryFrom<RecipeFile> for Recipe<K> {
+    type Error = &'static str;
+
+    fn try_from(file: RecipeFile) -> Result<Self, Self::Error> {
+        let RecipeFile { name, iterations, primitive, check_every, prune_below, rates, weights, .. } = file;
+        let RecipeFile { densification, reset, satellite, perspective, .. } = file;
+        let kind = match (satellite, perspective) {
+            (Some(satellite), None) => RecipeKind::Satellite(satellite),
+            (None, Some(perspective)) => RecipeKind::Perspective(perspective),
+            _ => return Err("expected either the table [satellite] or the table [perspective]"),
+        };
+        let kind = K::of(kind).ok_or("the recipe is of the other kind of scene")?;
+        Ok(Self {
+            name,
+            iterations,
+            primitive,
+            rates,
+            weights,
+            check_every,
+            densification,
+            prune_below,
+            reset,
+            kind,
+        })
+    }
+}
+
+impl<K: OfScene> From<Recipe<K>> for RecipeFile {
+    fn from(recipe: Recipe<K>) -> Self {
+        let Recipe { name, iterations, primitive, rates, weights, check_every, .. } = recipe;
+        let Recipe { densification, prune_below, reset, kind, .. } = recipe;
+        let (satellite, perspective) = match kind.kind() {
+            RecipeKind::Satellite(satellite) => (Some(satellite), None),
+            RecipeKind::Perspective(perspective) => (None, Some(perspective)),
+        };
+        Self {
+            name,
+            iterations,
+            primitive,
+            check_every,
+            prune_below,
+            rates,
+            weights,
+            densification,
+            reset,
+            satellite,
+            perspective,
+        }
+    }
 }
 
 /// Images of 0.35 m (0.7 m at half resolution) gain from half resolution, and images of 0.5 m (1 m) do not; this value
@@ -286,16 +339,66 @@ fn always() -> u32 {
 }
 
 impl Recipe {
+    /// What only recipes of satellite scenes have; none of other recipes.
+    #[must_use]
+    pub fn satellite(&self) -> Option<&SatelliteRecipe> {
+        match &self.kind {
+            RecipeKind::Satellite(satellite) => Some(satellite),
+            RecipeKind::Perspective(_) => None,
+        }
+    }
+
+    /// What only recipes of perspective scenes have; none of other recipes.
+    #[must_use]
+    pub fn perspective(&self) -> Option<&PerspectiveRecipe> {
+        match &self.kind {
+            RecipeKind::Satellite(_) => None,
+            RecipeKind::Perspective(perspective) => Some(perspective),
+        }
+    }
+}
+
+impl<K: OfScene> Recipe<K> {
     /// The recipe for this number of training views: at most 500 iterations for each view, if it initialises the splats on the
     /// matched surface and the views are few, and, of photographs, if it adds no splats: it learns few views by heart.
     #[must_use]
     pub fn for_views(self, views: usize) -> Self {
-        let is_few = match self.perspective {
-            None => self.start == Start::Surface && views <= crate::mvs::FEW_VIEWS,
-            Some(_) => self.densification.is_none(),
-        };
         let enough = ITERATIONS_PER_VIEW * views.max(1) as u32;
+        let is_few = self.kind.are_few(views, self.densification.is_some());
         if is_few && enough < self.iterations { self.with_iterations(enough) } else { self }
+    }
+
+    /// The recipe with these options of its kind of scene.
+    #[must_use]
+    pub fn with_kind<L: OfScene>(self, kind: L) -> Recipe<L> {
+        let Self { name, iterations, primitive, rates, weights, check_every, .. } = self;
+        let Self { densification, prune_below, reset, .. } = self;
+        Recipe {
+            name,
+            iterations,
+            primitive,
+            rates,
+            weights,
+            check_every,
+            densification,
+            prune_below,
+            reset,
+            kind,
+        }
+    }
+
+    /// The recipe as one of the kind `L` of scenes; none if it is of another.
+    #[must_use]
+    pub fn of_kind<L: OfScene>(self) -> Option<Recipe<L>> {
+        let kind = L::of(self.kind.clone().kind())?;
+        Some(self.with_kind(kind))
+    }
+
+    /// The recipe as one of any scene.
+    #[must_use]
+    pub fn of_any(self) -> Recipe {
+        let kind = self.kind.clone().kind();
+        self.with_kind(kind)
     }
 
     /// The same recipe with all iteration numbers scaled to another total.
@@ -307,39 +410,17 @@ impl Recipe {
     pub fn with_iterations(&self, iterations: u32) -> Self {
         let scale =
             |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
-        let at_least_one = |t: u32| scale(t).max(1);
         let densification =
             self.densification.map(|g| Densification { from: scale(g.from), until: scale(g.until), ..g });
+        let is_photographed = matches!(self.kind.clone().kind(), RecipeKind::Perspective(_));
         let reset = self.reset.map(|r| OpacityReset {
-            every: if self.perspective.is_some() { r.every } else { at_least_one(r.every) },
+            every: if is_photographed { r.every } else { scale(r.every).max(1) },
             opacity_loss_pause: scale(r.opacity_loss_pause),
             densification_pause: scale(r.densification_pause),
             until: r.until.map(scale),
             ..r
         });
-        let uncertainty = self.uncertainty.map(|u| UncertaintyRecipe {
-            from: scale(u.from),
-            full_from: scale(u.full_from),
-            ..u
-        });
-        let perspective = self.perspective.map(|p| PerspectiveRecipe {
-            sh_degree_every: at_least_one(p.sh_degree_every),
-            normals_from: scale(p.normals_from),
-            distortion_from: scale(p.distortion_from),
-            priors_from: scale(p.priors_from),
-            ..p
-        });
-        Self {
-            iterations,
-            half_resolution_until: scale(self.half_resolution_until),
-            shadows_from: scale(self.shadows_from),
-            densification,
-            reset,
-            perspective,
-            uncertainty,
-            then: self.then.as_ref().map(|then| Box::new(then.with_iterations(scale(then.iterations)))),
-            ..self.clone()
-        }
+        Self { iterations, densification, reset, kind: self.kind.scaled(&scale), ..self.clone() }
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::{
     ActiveGrowth, Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight,
-    Recipe, Start, StartPoints, always, white, widest_half_resolution_px_m,
+    Recipe, SatelliteRecipe, Start, StartPoints, always, white, widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
@@ -36,9 +36,40 @@ impl Recipe {
 
     /// The recipe of this name; none if there is no such recipe.
     #[must_use]
-    #[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
     pub fn named(name: &str) -> Option<Self> {
-        let densification = Densification {
+        Some(match name {
+            "best" => best().of_any(),
+            "baeogs" => baeogs().of_any(),
+            "eogs" => eogs().of_any(),
+            "satgs" => satgs(name, satgs_colors()).of_any(),
+            "satgs-fast" => satgs(name, satgs_colors().with_iterations(FAST_ITERATIONS)).of_any(),
+            "3dgs" => three_d_gaussians().of_any(),
+            "2dgs" => two_d_gaussians().of_any(),
+            "indoor" => indoor().of_any(),
+            "geoprop" => geoprop().of_any(),
+            _ => return None,
+        })
+    }
+}
+
+/// Zhang et al., BAEOGS.
+#[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
+fn baeogs() -> Recipe<SatelliteRecipe> {
+    Recipe {
+        name: "baeogs".into(),
+        iterations: 5000,
+        primitive: PrimitiveKind::Ellipsoid,
+        rates: PerGroup {
+            position: 0.000_16 * 2.22,
+            log_scale: 0.005,
+            rotation: 0.001,
+            opacity_logit: 0.05,
+            f_dc: 0.0025,
+            ..PerGroup::default()
+        },
+        weights: weights(LossWeights::default(), &EOGS_WEIGHTS),
+        check_every: 100,
+        densification: Some(Densification {
             from: 500,
             until: 4000,
             max_scale: Some(0.03),
@@ -47,112 +78,93 @@ impl Recipe {
             copy_below: 0.01,
             max_splats: 2_000_000,
             active: None,
-        };
-        let baeogs = Self {
-            name: "baeogs".into(),
-            iterations: 5000,
+        }),
+        prune_below: 0.0025,
+        // The paper does not give these intervals. If the opacity loss returns before the rendered images have
+        // recovered from the reset, it removes splats that they need.
+        reset: Some(OpacityReset {
+            every: 3000,
+            opacity: 0.005,
+            opacity_loss_pause: 1000,
+            densification_pause: 500,
+            until: None,
+        }),
+        kind: SatelliteRecipe {
+            start: Start::Points,
             // Half resolution and a virtual view in every second iteration only save time: the paper trains at full
             // resolution with a virtual view in every iteration.
             half_resolution_until: 3500,
             half_resolution_px_m: widest_half_resolution_px_m(),
             white: white(),
-            primitive: PrimitiveKind::Ellipsoid,
-            start: Start::Points,
-            rates: PerGroup {
-                position: 0.000_16 * 2.22,
-                log_scale: 0.005,
-                rotation: 0.001,
-                opacity_logit: 0.05,
-                f_dc: 0.0025,
-                ..PerGroup::default()
-            },
+            appearance: AppearanceKind::Affine,
             appearance_rate: 0.01,
             network_rates: None,
-            weights: weights(LossWeights::default(), &EOGS_WEIGHTS),
-            appearance: AppearanceKind::Affine,
             opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
             virtual_every: 2,
-            check_every: 100,
-            densification: Some(densification),
-            prune_below: 0.0025,
             heights: RayHeight::Mean,
-            // The paper does not give these intervals. If the opacity loss returns before the rendered images have
-            // recovered from the reset, it removes splats that they need.
-            reset: Some(OpacityReset {
-                every: 3000,
-                opacity: 0.005,
-                opacity_loss_pause: 1000,
-                densification_pause: 500,
-                until: None,
-            }),
-            perspective: None,
             uncertainty: None,
             then: None,
-        };
-        match name {
-            "baeogs" => Some(baeogs),
-            // EOGS prunes in every iteration. Splats are invisible below the alpha cut-off of 1/255, before their opacity falls
-            // to this value, so that pruning every 100 iterations changes nothing.
-            "eogs" => Some(Self {
-                name: "eogs".into(),
-                half_resolution_until: 0,
-                // With this value the mean colour of the DFC2019 images is 0.15. That of the images which EOGS published
-                // is 0.13 to 0.2, judged by the first losses of an independent reproduction.
-                white: 0.4,
-                virtual_every: always(),
-                start: Start::Volume,
-                opacity_by_start: true,
-                densification: None,
-                prune_below: EOGS_PRUNES_BELOW,
-                reset: None,
-                ..baeogs
-            }),
-            "best" => {
-                let best = Self {
-                    name: "best".into(),
-                    start: Start::Surface,
-                    // Without the prior, splats on roofs without texture drift in altitude.
-                    weights: weights(baeogs.weights, &[("surface_prior", 0.1)]),
-                    heights: RayHeight::Median,
-                    reset: None,
-                    ..baeogs
-                };
-                Some(best.with_iterations(BEST_ITERATIONS))
-            }
-            "satgs" | "satgs-fast" => {
-                let best = Self::named("best")?;
-                let colors = satgs_colors(&best);
-                let then = if name == "satgs" { colors } else { colors.with_iterations(FAST_ITERATIONS) };
-                Some(Self { name: name.into(), then: Some(Box::new(then)), ..best })
-            }
-            "3dgs" => Some(three_d_gaussians()),
-            "2dgs" => Some(two_d_gaussians()),
-            "indoor" => Some(indoor()),
-            "geoprop" => Some(geoprop()),
-            _ => None,
-        }
+        },
     }
 }
 
-/// The training of colours of recipe `satgs` (Bai et al., SatGS, 2025), from the splats of a training for heights.
+/// EOGS, which prunes in every iteration. Splats are invisible below the alpha cut-off of 1/255, before their opacity falls to
+/// the value of this recipe, so that pruning every 100 iterations changes nothing.
+fn eogs() -> Recipe<SatelliteRecipe> {
+    let baeogs = baeogs();
+    Recipe {
+        name: "eogs".into(),
+        densification: None,
+        prune_below: EOGS_PRUNES_BELOW,
+        reset: None,
+        kind: SatelliteRecipe {
+            start: Start::Volume,
+            half_resolution_until: 0,
+            // With this value the mean colour of the DFC2019 images is 0.15. That of the images which EOGS published
+            // is 0.13 to 0.2, judged by the first losses of an independent reproduction.
+            white: 0.4,
+            opacity_by_start: true,
+            virtual_every: always(),
+            ..baeogs.kind
+        },
+        ..baeogs
+    }
+}
+
+/// Our own: BAEOGS on the matched surface.
+fn best() -> Recipe<SatelliteRecipe> {
+    let baeogs = baeogs();
+    let best = Recipe {
+        name: "best".into(),
+        // Without the prior, splats on roofs without texture drift in altitude.
+        weights: weights(baeogs.weights, &[("surface_prior", 0.1)]),
+        reset: None,
+        kind: SatelliteRecipe { start: Start::Surface, heights: RayHeight::Median, ..baeogs.kind },
+        ..baeogs
+    };
+    best.with_iterations(BEST_ITERATIONS)
+}
+
+/// Bai et al., SatGS, 2025: heights by `best`, then colours.
+fn satgs(name: &str, colors: Recipe<SatelliteRecipe>) -> Recipe<SatelliteRecipe> {
+    let best = best();
+    let kind = SatelliteRecipe { then: Some(Box::new(colors)), ..best.kind };
+    Recipe { name: name.into(), kind, ..best }
+}
+
+/// The training of colours of recipe `satgs`, from the splats of a training for heights.
 #[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
-fn satgs_colors(heights: &Recipe) -> Recipe {
-    let iterations = 6000;
+fn satgs_colors() -> Recipe<SatelliteRecipe> {
+    let (iterations, heights) = (6000, best());
     let named =
         [("sun_visibility", 1.0), ("dark_tones", 1.0), ("bright_shadows", 1.0), ("perceptual", 0.005)];
     Recipe {
         name: "satgs-colors".into(),
         iterations,
-        half_resolution_until: 0,
         rates: PerGroup { position: 3e-5, opacity_logit: 0.02, ..heights.rates },
-        appearance_rate: 1e-3,
-        network_rates: Some(NetworkRates { tables: 1e-2, tone: 5e-4, shadow: 5e-4 }),
         weights: weights(LossWeights::default(), &named),
-        appearance: AppearanceKind::SatGs,
-        shadows_from: 0,
-        virtual_every: always(),
         densification: Some(Densification {
             from: 300,
             until: 4000,
@@ -164,31 +176,36 @@ fn satgs_colors(heights: &Recipe) -> Recipe {
             active: None,
         }),
         prune_below: 0.005,
-        uncertainty: Some(UncertaintyRecipe {
-            model: UncertaintyModel::Closed,
-            // The paper begins at 35,000 of about 70,000 iterations, and has all of it after 40,000.
-            from: 7 * iterations / 20,
-            full_from: 2 * iterations / 5,
-            prior: 0.5,
-            visible: 0.15,
-        }),
-        ..heights.clone()
+        kind: SatelliteRecipe {
+            half_resolution_until: 0,
+            appearance: AppearanceKind::SatGs,
+            appearance_rate: 1e-3,
+            network_rates: Some(NetworkRates { tables: 1e-2, tone: 5e-4, shadow: 5e-4 }),
+            shadows_from: 0,
+            virtual_every: always(),
+            uncertainty: Some(UncertaintyRecipe {
+                model: UncertaintyModel::Closed,
+                // The paper begins at 35,000 of about 70,000 iterations, and has all of it after 40,000.
+                from: 7 * iterations / 20,
+                full_from: 2 * iterations / 5,
+                prior: 0.5,
+                visible: 0.15,
+            }),
+            ..heights.kind
+        },
+        ..heights
     }
 }
 
 /// Kerbl et al., 3D Gaussian Splatting for Real-Time Radiance Field Rendering, 2023, with the values of the authors' program.
 /// It also removes splats that cover more than 20 px, but forgets what they cover before it looks; so this does not.
 #[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
-fn three_d_gaussians() -> Recipe {
-    let (iterations, densified_until) = (30_000, 15_000);
+fn three_d_gaussians() -> Recipe<PerspectiveRecipe> {
+    let densified_until = 15_000;
     Recipe {
         name: "3dgs".into(),
-        iterations,
-        half_resolution_until: 0,
-        half_resolution_px_m: widest_half_resolution_px_m(),
-        white: white(),
+        iterations: 30_000,
         primitive: PrimitiveKind::Ellipsoid,
-        start: Start::Points,
         rates: PerGroup {
             position: 1.6e-4,
             log_scale: 0.005,
@@ -198,14 +215,7 @@ fn three_d_gaussians() -> Recipe {
             f_rest: 0.0025 / 20.0,
             ..PerGroup::default()
         },
-        appearance_rate: 0.0,
-        network_rates: None,
         weights: LossWeights::default(),
-        appearance: AppearanceKind::default(),
-        opacity_by_start: false,
-        shadows_from: iterations,
-        virtual_shear: 0.0,
-        virtual_every: always(),
         check_every: 100,
         densification: Some(Densification {
             from: 600,
@@ -218,7 +228,6 @@ fn three_d_gaussians() -> Recipe {
             active: None,
         }),
         prune_below: 0.005,
-        heights: RayHeight::Median,
         reset: Some(OpacityReset {
             every: 3000,
             opacity: 0.01,
@@ -226,7 +235,7 @@ fn three_d_gaussians() -> Recipe {
             densification_pause: 0,
             until: Some(densified_until),
         }),
-        perspective: Some(PerspectiveRecipe {
+        kind: PerspectiveRecipe {
             last_position_rate: 1.6e-6,
             sh_degree: 3,
             sh_degree_every: 1000,
@@ -238,32 +247,26 @@ fn three_d_gaussians() -> Recipe {
             priors_from: 0,
             start_points: StartPoints::Scene,
             last_opacity_sum: None,
-        }),
-        uncertainty: None,
-        then: None,
+        },
     }
 }
 
 /// Huang et al., 2D Gaussian Splatting for Geometrically Accurate Radiance Fields, 2024, with the values of the authors' program.
-fn two_d_gaussians() -> Recipe {
+fn two_d_gaussians() -> Recipe<PerspectiveRecipe> {
     let volumes = three_d_gaussians();
     Recipe {
         name: "2dgs".into(),
         primitive: PrimitiveKind::Disc,
         weights: weights(volumes.weights, &[("normal_consistency", 0.05)]),
         prune_below: 0.05,
-        perspective: volumes.perspective.map(|p| PerspectiveRecipe {
-            normals_from: 7000,
-            distortion_from: 3000,
-            ..p
-        }),
+        kind: PerspectiveRecipe { normals_from: 7000, distortion_from: 3000, ..volumes.kind },
         ..volumes
     }
 }
 
 /// IndoorSplat, with the values of the paper where it gives them: flat discs that follow priors of depths and normals, and grow
 /// while active; the sum of opacities takes the place of resets.
-fn indoor() -> Recipe {
+fn indoor() -> Recipe<PerspectiveRecipe> {
     let discs = two_d_gaussians();
     let (depths, normals, evenness) = (0.2, 0.05, 1.0);
     let named = [
@@ -280,34 +283,29 @@ fn indoor() -> Recipe {
             .densification
             .map(|g| Densification { active: Some(ActiveGrowth { idle_rounds: 5 }), ..g }),
         reset: None,
-        perspective: discs.perspective.map(|p| PerspectiveRecipe {
+        kind: PerspectiveRecipe {
             priors_from: 7000,
             start_points: StartPoints::Patches,
             last_opacity_sum: Some(1e-9),
-            ..p
-        }),
+            ..discs.kind
+        },
         ..discs
     }
 }
 
 /// GeoProp-GS, which trains as FSGS does, without growth, pruning and resets, from aligned depths; what no view sees is anchored to
 /// what lies nearby.
-fn geoprop() -> Recipe {
+fn geoprop() -> Recipe<PerspectiveRecipe> {
     let volumes = three_d_gaussians();
     Recipe {
         name: "geoprop".into(),
         iterations: 10_000,
-        shadows_from: 10_000,
         weights: weights(volumes.weights, &[("color_statistics", 0.01)]),
         densification: None,
         // The paper removes no splats. An image shows nothing of one with an opacity below 1/255.
         prune_below: 1e-6,
         reset: None,
-        perspective: volumes.perspective.map(|p| PerspectiveRecipe {
-            sh_degree_every: 500,
-            start_points: StartPoints::Gva,
-            ..p
-        }),
+        kind: PerspectiveRecipe { sh_degree_every: 500, start_points: StartPoints::Gva, ..volumes.kind },
         ..volumes
     }
 }

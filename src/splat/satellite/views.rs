@@ -162,19 +162,26 @@ mod tests {
     use crate::splat::backend::{CpuBackend, TrainingBackend};
     use crate::splat::loss::TermInputs;
     use crate::splat::ply;
-    use crate::splat::recipe::{Densification, OpacityReset, Recipe};
+    use crate::splat::recipe::{Densification, OpacityReset, Recipe, RecipeKind};
     use crate::splat::splats::Splats;
     use crate::splat::train::{LogLine, Schedule, train};
 
     type Backend = CpuBackend<SatelliteViews>;
 
+    /// The recipe with checks every 10 iterations, and shadows after 50.
+    fn with_shadows(name: &str) -> Recipe {
+        let mut recipe = Recipe { check_every: 10, ..Recipe::named(name).unwrap() };
+        let RecipeKind::Satellite(satellite) = &mut recipe.kind else { unreachable!() };
+        satellite.shadows_from = 50;
+        recipe
+    }
+
     /// A recipe with densification, shadows, consistency and an opacity reset within 200 iterations.
     fn compressed() -> Recipe {
-        let mut recipe = Recipe::named("baeogs").unwrap();
+        let mut recipe = with_shadows("baeogs");
+        let RecipeKind::Satellite(satellite) = &mut recipe.kind else { unreachable!() };
+        satellite.half_resolution_until = 30;
         recipe.iterations = 200;
-        recipe.half_resolution_until = 30;
-        recipe.shadows_from = 50;
-        recipe.check_every = 10;
         recipe.densification = recipe.densification.map(|g| Densification { from: 20, until: 150, ..g });
         recipe.reset = Some(OpacityReset {
             every: 100,
@@ -258,10 +265,9 @@ mod tests {
     #[test]
     fn a_training_does_not_depend_on_where_the_origin_of_the_site_lies() {
         for name in ["best", "eogs"] {
-            let recipe = Recipe { iterations: 120, ..Recipe::named(name).unwrap() };
+            let recipe = Recipe { iterations: 120, ..with_shadows(name) };
             let recipe =
                 Recipe { densification: recipe.densification.and(compressed().densification), ..recipe };
-            let recipe = Recipe { check_every: 10, shadows_from: 50, ..recipe };
             let of = |[east, north]: [f64; 2]| {
                 let mut start = splats_at_start();
                 for p in &mut start.splats.position {

@@ -6,8 +6,8 @@ pub mod pictures;
 use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
 use crate::splat::backend::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, Wait};
-use crate::splat::loss::{COLUMNS, Losses, SurfaceDepth, column_names};
-use crate::splat::recipe::{Background, OpacityReset, PerspectiveRecipe, Recipe};
+use crate::splat::loss::{COLUMNS, LossWeights, Losses, SurfaceDepth, column_names};
+use crate::splat::recipe::{Background, NetworkRates, OpacityReset, PerspectiveRecipe, Recipe, RecipeKind};
 use crate::splat::splats::PerGroup;
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +21,8 @@ const DRAW_CROP: u64 = 13;
 /// Rounds of all views without the sum of opacities. It takes the opacity of splats that no image needs at the full learning rate, so
 /// every view must have shown what it needs.
 const ROUNDS_BEFORE_OPACITY_SUM: usize = 2;
+/// Loss terms that compare with the virtual view.
+const VIRTUAL_TERMS: [&str; 2] = ["consistency_altitude", "consistency_color"];
 /// Number of iterations of which one has the perceptual loss.
 const CROP_EVERY: u32 = 4;
 
@@ -156,54 +158,84 @@ impl Schedule<'_> {
             (iteration > reset.every).then_some((reset, since))
         });
         let is_paused = |span: fn(&OpacityReset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
-        let virtual_terms = ["consistency_altitude", "consistency_color"];
-        let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
-        if is_paused(|r| r.opacity_loss_pause) {
+        let weights = self.weights(iteration, is_paused(|r| r.opacity_loss_pause));
+        let plan = StepPlan {
+            iteration,
+            view: self.view(iteration),
+            level: 0,
+            shadows: false,
+            virtual_shear: None,
+            background: if self.is_gray { [random_background[0]; 3] } else { random_background },
+            random_background,
+            opacity_divisor: None,
+            sh_degree: 0,
+            surface: SurfaceDepth::default(),
+            rates: self.rates(iteration),
+            appearance_rate: 0.0,
+            network_rates: NetworkRates::default(),
+            crop: self.crop(iteration),
+            visibility: None,
+            seed: self.seed,
+            densify: self.densification(iteration, is_paused(|r| r.densification_pause)),
+            weights,
+        };
+        match &r.kind {
+            RecipeKind::Satellite(s) => {
+                let shadows = iteration > s.shadows_from;
+                let is_half =
+                    iteration <= s.half_resolution_until && 2.0 * self.pixel_m <= s.half_resolution_px_m;
+                let has_consistency = VIRTUAL_TERMS.iter().any(|name| plan.weights.get(name) > 0.0);
+                let is_consistent = shadows && iteration.is_multiple_of(s.virtual_every) && has_consistency;
+                StepPlan {
+                    level: usize::from(is_half),
+                    shadows,
+                    virtual_shear: is_consistent.then(|| self.virtual_shear(iteration, s.virtual_shear)),
+                    opacity_divisor: s.opacity_by_start.then_some(self.splats_at_start),
+                    appearance_rate: s.appearance_rate,
+                    network_rates: s.network_rates.unwrap_or_default(),
+                    visibility: s.uncertainty.and_then(|u| u.share(iteration)),
+                    ..plan
+                }
+            }
+            RecipeKind::Perspective(p) => {
+                let risen = (iteration - 1) / p.sh_degree_every.max(1);
+                let background = match p.background {
+                    Background::Black => [0.0; 3],
+                    Background::Random => plan.background,
+                };
+                StepPlan {
+                    background,
+                    sh_degree: risen.min(p.sh_degree) as usize,
+                    surface: p.surface,
+                    ..plan
+                }
+            }
+        }
+    }
+
+    /// Weights of the loss terms in an iteration.
+    fn weights(&self, iteration: u32, is_opacity_paused: bool) -> LossWeights {
+        let r = self.recipe;
+        let mut weights = match &r.kind {
+            RecipeKind::Satellite(s) => r.weights.scaled(&VIRTUAL_TERMS, f64::from(s.virtual_every)),
+            RecipeKind::Perspective(_) => r.weights,
+        };
+        if is_opacity_paused {
             weights = weights.scaled(&["opacity"], 0.0);
         }
-        for (name, from) in r.perspective.iter().flat_map(PerspectiveRecipe::weights_from) {
+        for (name, from) in r.perspective().into_iter().flat_map(PerspectiveRecipe::weights_from) {
             if iteration < from {
                 weights = weights.scaled(&[name], 0.0);
             }
         }
         if iteration as usize <= ROUNDS_BEFORE_OPACITY_SUM * self.views {
             weights = weights.scaled(&["opacity_sum"], 0.0);
-        } else if let Some(last) = r.perspective.and_then(|p| p.last_opacity_sum) {
+        } else if let Some(last) = r.perspective().and_then(|p| p.last_opacity_sum) {
             let part = f64::from(iteration - 1) / f64::from((r.iterations - 1).max(1));
             let weight = weights.get("opacity_sum");
             weights = weights.with(&[("opacity_sum", weight + (last - weight) * part)]).unwrap_or(weights);
         }
-        let has_consistency = virtual_terms.iter().any(|name| weights.get(name) > 0.0);
-        let shadows = iteration > r.shadows_from;
-        let is_half = iteration <= r.half_resolution_until && 2.0 * self.pixel_m <= r.half_resolution_px_m;
-        let is_consistent = shadows && iteration.is_multiple_of(r.virtual_every) && has_consistency;
-        StepPlan {
-            iteration,
-            view: self.view(iteration),
-            level: usize::from(is_half),
-            shadows,
-            virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
-            background: match r.perspective {
-                Some(PerspectiveRecipe { background: Background::Black, .. }) => [0.0; 3],
-                _ if self.is_gray => [random_background[0]; 3],
-                _ => random_background,
-            },
-            random_background,
-            weights,
-            opacity_divisor: r.opacity_by_start.then_some(self.splats_at_start),
-            sh_degree: r.perspective.map_or(0, |p| {
-                let risen = (iteration - 1) / p.sh_degree_every.max(1);
-                risen.min(p.sh_degree) as usize
-            }),
-            surface: r.perspective.map_or(SurfaceDepth::default(), |p| p.surface),
-            rates: self.rates(iteration),
-            appearance_rate: r.appearance_rate,
-            network_rates: r.network_rates.unwrap_or_default(),
-            crop: self.crop(iteration),
-            visibility: r.uncertainty.and_then(|u| u.share(iteration)),
-            seed: self.seed,
-            densify: self.densification(iteration, is_paused(|r| r.densification_pause)),
-        }
+        weights
     }
 
     /// The view of an iteration: each round goes through all views once, in random order.
@@ -225,15 +257,15 @@ impl Schedule<'_> {
     }
 
     /// Random shear of the virtual view: normal, clamped to one standard deviation (EOGS).
-    fn virtual_shear(&self, iteration: u32) -> [f64; 2] {
+    fn virtual_shear(&self, iteration: u32, largest: f64) -> [f64; 2] {
         let mut draw = CounterRng::new(self.seed, DRAW_VIRTUAL, iteration.into(), 0);
-        std::array::from_fn(|_| self.recipe.virtual_shear * draw.normal().clamp(-1.0, 1.0))
+        std::array::from_fn(|_| largest * draw.normal().clamp(-1.0, 1.0))
     }
 
     /// Learning rates, that of positions in metres.
     fn rates(&self, iteration: u32) -> PerGroup<f64> {
         let rates = self.recipe.rates;
-        let decay = self.recipe.perspective.map_or(1.0, |p| {
+        let decay = self.recipe.perspective().map_or(1.0, |p| {
             let part = f64::from(iteration) / f64::from(self.recipe.iterations);
             (p.last_position_rate / rates.position).powf(part)
         });
@@ -248,10 +280,10 @@ impl Schedule<'_> {
         let is_last = |reset: &OpacityReset| iteration >= reset.until.unwrap_or(r.iterations);
         let resets = r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && !is_last(reset));
         let is_past_reset = r.reset.is_some_and(|reset| iteration > reset.every);
-        let prune_above = r.perspective.filter(|_| densification.is_some() && is_past_reset);
+        let prune_above = r.perspective().filter(|_| densification.is_some() && is_past_reset);
         // What growth adds, pruning clears. Photographs show a splat in few iterations: before growth few have been seen, and after it
         // nothing takes the place of what is removed.
-        let prunes = due && (r.perspective.is_none() || densification.is_some());
+        let prunes = due && (r.perspective().is_none() || densification.is_some());
         DensifyPlan {
             densify: densification.map(|g| (g, self.half_side_m)),
             prune_below: prunes.then_some(r.prune_below),
@@ -380,7 +412,7 @@ mod tests {
         let recipe = Recipe::named("best").unwrap();
         let levels = |pixel_m: f64| {
             let schedule = Schedule { pixel_m, ..of(&recipe) };
-            let last = recipe.half_resolution_until;
+            let last = recipe.satellite().unwrap().half_resolution_until;
             [1, last, last + 1].map(|i| schedule.plan(i).level)
         };
         assert_eq!((levels(0.31), levels(0.41), levels(0.5)), ([1, 1, 0], [1, 1, 0], [0, 0, 0]));
@@ -477,7 +509,9 @@ mod tests {
 
     #[test]
     fn less_frequent_virtual_views_have_larger_weights() {
-        let recipe = Recipe { virtual_every: 3, ..Recipe::named("baeogs").unwrap() };
+        let mut recipe = Recipe::named("baeogs").unwrap();
+        let RecipeKind::Satellite(satellite) = &mut recipe.kind else { unreachable!() };
+        satellite.virtual_every = 3;
         let schedule = of(&recipe);
         let plans: Vec<_> = (1200..1206).map(|i| schedule.plan(i)).collect();
         let drawn: Vec<bool> = plans.iter().map(|p| p.virtual_shear.is_some()).collect();

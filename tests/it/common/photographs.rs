@@ -66,7 +66,7 @@ pub fn make_run(folder: &Path) {
         area: (-1.0, -1.0, 1.0, 1.0),
         altitudes: (-1.0, 1.0),
         views: read.views.iter().map(TrainedPhoto::new).collect(),
-        recipe: Recipe::named("3dgs").unwrap(),
+        recipe: Recipe::named("3dgs").unwrap().of_kind().unwrap(),
     };
     satgs::io::write_json(&run.join("scene.json"), &manifest).unwrap();
     satgs::io::write_json(&run.join("cameras.json"), &cameras).unwrap();

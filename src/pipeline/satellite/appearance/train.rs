@@ -16,7 +16,7 @@ use crate::splat::appearance::satgs::{AppearanceContent, Cube, Networks, Trained
 use crate::splat::appearance::{Appearance, ModelParameters};
 use crate::splat::loss::TermInputs;
 use crate::splat::ply;
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{Recipe, SatelliteRecipe};
 use crate::splat::satellite::{NovelView, SatelliteScene, SatelliteViews};
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
@@ -57,7 +57,7 @@ impl OtherNetworks {
 pub fn train_locked(
     run: &Path,
     options: &TrainOptions,
-    recipe: &Recipe,
+    recipe: &Recipe<SatelliteRecipe>,
     networks: OtherNetworks,
     scene: &Scene,
     progress: &dyn Progress,
@@ -79,11 +79,16 @@ pub fn train_locked(
         Some(interrupted) => interrupted,
         None => {
             let splats = ply::read(&run.join(HEIGHT_SPLATS))?;
-            TrainingSoFar::start(TrainingState::start(splats, recipe.appearance, views.len(), options.seed))
+            TrainingSoFar::start(TrainingState::start(
+                splats,
+                recipe.kind.appearance,
+                views.len(),
+                options.seed,
+            ))
         }
     };
     let schedule = Schedule {
-        recipe,
+        recipe: &recipe.clone().of_any(),
         views: views.len(),
         half_side_m: setup.half_side_m(),
         pixel_m: median_pixel_m(&views),
@@ -92,9 +97,9 @@ pub fn train_locked(
         seed: options.seed,
     };
     let cube = Cube::around(setup.area, setup.altitudes);
-    let (altitudes, appearance) = (setup.altitudes, recipe.appearance);
+    let (altitudes, appearance) = (setup.altitudes, recipe.kind.appearance);
     let OtherNetworks { features, lpips } = networks;
-    let visibility = recipe.uncertainty.map(|u| VisibilityModel::new(features, u, views.len()));
+    let visibility = recipe.kind.uncertainty.map(|u| VisibilityModel::new(features, u, views.len()));
     if lpips.is_none() && recipe.weights.get("perceptual") > 0.0 {
         let text = "without --lpips, colours are trained without the perceptual loss";
         progress.event(Event::Note(text.into()));
@@ -128,7 +133,7 @@ fn write(
     setup: &SiteScene,
     scene: &Scene,
     visibility: Vec<Option<PatchVisibility>>,
-    (cube, recipe): (Cube, &Recipe),
+    (cube, recipe): (Cube, &Recipe<SatelliteRecipe>),
     made: &TrainingState,
 ) -> Result<(), PipelineError> {
     let acquired = |name: &str| scene.views.iter().find(|v| v.name == name)?.acquired.clone();
@@ -144,7 +149,7 @@ fn write(
     let reference = setup.reference_among_training();
     let parameters = ModelParameters { shared: &made.shared.values, view: &embeddings[reference] };
     let view = NovelView::from(&setup.views[setup.reference]);
-    let mut model = recipe.appearance.model(cube);
+    let mut model = recipe.kind.appearance.model(cube);
     let colors = view.splat_colors(&made.splats, model.as_mut(), parameters, setup.altitudes);
     let baked = made.splats.colored(&colors);
     let path = run.join(SPLATS);
@@ -163,7 +168,11 @@ fn write(
 }
 
 /// What the colours are made from; its keys are the names of options on the command line.
-fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fingerprint, PipelineError> {
+fn fingerprint(
+    run: &Path,
+    options: &TrainOptions,
+    recipe: &Recipe<SatelliteRecipe>,
+) -> Result<Fingerprint, PipelineError> {
     let choices =
         serde_json::to_string(recipe).map_err(|source| PipelineError::Json { what: "the recipe", source })?;
     let file = |path: &Option<PathBuf>| path.as_deref().map_or_else(|| "none".into(), hash_file);

@@ -1,9 +1,9 @@
 //! The products of a run as a STAC Item, `RUN/item.json`, by which catalogues and QGIS find them: STAC 1.1
 //! (<https://github.com/radiantearth/stac-spec>) with the projection extension 2.0.
 
-use super::PipelineError;
-use super::run_folder::perspective_manifest;
-use super::run_folder::stage::hash_file;
+use super::super::PipelineError;
+use super::super::run_folder::perspective_manifest;
+use super::super::run_folder::stage::hash_file;
 use crate::frame::{Point, SiteGrid, Utm};
 use crate::io::{HeightSystem, ImageFile, MapGrid, read_json, remove_if_there, write_json};
 use crate::run_files::{
@@ -43,7 +43,7 @@ const ASSETS: [(&str, &str, &str, &[&str]); 11] = [
 
 /// Writes `RUN/item.json` of the products that are there. There is none without a surface model, and none if no image of
 /// the run has a date, which an Item must have; an Item of before is removed then.
-pub(crate) fn write_item(run: &Path) -> Result<(), PipelineError> {
+pub(super) fn write_item(run: &Path) -> Result<(), PipelineError> {
     let path = run.join(ITEM);
     let dsm = run.join(DSM);
     let dates = dates(run)?;
