@@ -20,6 +20,7 @@ mod datum;
 mod depth_views;
 mod dsm;
 mod error;
+mod gpu_support;
 mod evaluate;
 mod export;
 mod export_folder;

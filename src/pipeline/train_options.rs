@@ -1,7 +1,7 @@
 //! The options of a training.
 
 use super::PipelineError;
-use super::satellite::unsupported_on_gpu;
+use super::gpu_support::unsupported_heights;
 use crate::affine::SiteFrame;
 use crate::prior::{InpaintCommand, PriorSource, PriorSources};
 use crate::splat::backend::DeviceChoice;
@@ -110,7 +110,7 @@ impl TrainOptions {
         };
         if let DeviceChoice::Gpu(_) = self.device {
             let trainings = [Some(&recipe), recipe.kind.then.as_deref()];
-            if let Some(why) = trainings.into_iter().flatten().find_map(unsupported_on_gpu) {
+            if let Some(why) = trainings.into_iter().flatten().find_map(unsupported_heights) {
                 let found = format!("{}, but {why}", self.device);
                 return Err(PipelineError::Option { option: "--device", found, expected: "auto or cpu" });
             }

@@ -4,8 +4,6 @@ use super::PipelineError;
 use super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use crate::progress::{Event, Progress};
 use crate::splat::backend::{BackendError, DeviceChoice, TrainingBackend};
-use crate::splat::primitive::PrimitiveKind;
-use crate::splat::recipe::{OfScene, Recipe};
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
 
@@ -105,16 +103,6 @@ impl OnDevice<'_> {
             }
         }
     }
-}
-
-/// What a recipe has that GPUs cannot do, if they compute the loss terms with these weights.
-pub fn unsupported_recipe<K: OfScene>(recipe: &Recipe<K>, terms: &[&str]) -> Option<String> {
-    if recipe.primitive == PrimitiveKind::Disc {
-        return Some("GPUs train ellipsoids only, not flat discs".into());
-    }
-    let mut others = recipe.weights.iter().filter(|(name, _)| !terms.contains(name));
-    let (name, _) = others.find(|(_, weight)| *weight != 0.0)?;
-    Some(format!("GPUs do not compute the loss term `{name}`"))
 }
 
 /// Opens the GPU of a choice, if it computes what the processor does.

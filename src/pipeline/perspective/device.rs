@@ -1,7 +1,8 @@
 //! The device that trains photographs.
 
 use super::super::PipelineError;
-use super::super::training_device::{AnyBackend, Needs, OnDevice, Opened, unsupported_recipe};
+use super::super::gpu_support::unsupported_recipe;
+use super::super::training_device::{AnyBackend, Needs, OnDevice, Opened};
 use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use crate::estimate::DeviceTraining;
 use crate::perspective::PinholeCamera;

@@ -1,39 +1,17 @@
 //! The device that trains satellite scenes for their heights.
 
 use super::super::PipelineError;
-use super::super::training_device::{AnyBackend, Needs, OnDevice, Opened, unsupported_recipe};
+use super::super::gpu_support::unsupported_heights;
+use super::super::training_device::{AnyBackend, Needs, OnDevice, Opened};
 use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use super::training::Training;
 use crate::affine::TrainingView;
 use crate::estimate::DeviceTraining;
 use crate::progress::Progress;
-use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::{BackendError, CpuBackend, DeviceChoice};
-use crate::splat::recipe::{Recipe, SatelliteRecipe};
 use crate::splat::satellite::{NovelView, Picture, SatelliteScene, SatelliteViews};
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
-
-/// Weights of the loss terms that a GPU computes.
-const TERMS_ON_GPU: [&str; 6] = [
-    "opacity",
-    "opacity_sum",
-    "consistency_altitude",
-    "consistency_color",
-    "shadow_entropy",
-    "surface_prior",
-];
-
-/// What a recipe has that GPUs cannot do yet.
-pub fn unsupported(recipe: &Recipe<SatelliteRecipe>) -> Option<String> {
-    if recipe.kind.appearance != AppearanceKind::Affine {
-        return Some("GPUs do not train the networks of SatGS's colours".into());
-    }
-    if recipe.kind.uncertainty.is_some() {
-        return Some("GPUs do not compare images to find pixels that others do not confirm".into());
-    }
-    unsupported_recipe(recipe, &TERMS_ON_GPU)
-}
 
 /// Trains a scene on the device of the options, and returns its name if it is a GPU. `scene` makes the input of a training.
 ///
@@ -64,7 +42,7 @@ pub fn train_heights(
         sun_pixels: of_sun.fold(0.0, f64::max),
     };
     let needs = Needs {
-        unsupported: unsupported(&training.recipe),
+        unsupported: unsupported_heights(&training.recipe),
         appearances: views.len(),
         bytes: memory.satellite_bytes(),
     };

@@ -7,7 +7,6 @@ mod scores;
 mod train;
 mod training;
 
-pub(super) use device::unsupported as unsupported_on_gpu;
 pub(super) use render::render;
 pub(super) use scores::nvs_eval;
 pub(super) use train::train_locked;

@@ -6,11 +6,12 @@
 //! The lists of an iteration have room for a number of pairs of splats and tiles that the host guesses. An iteration that needs more
 //! marks itself; it and those behind it change nothing. The host hears of it, makes room, and runs them again: the result is the same.
 
-use super::arrays::{Measured, REPORT, measure, submit};
+use super::arrays::REPORT;
 use super::device::GpuDevice;
 use super::photographs::Photographs;
 use super::satellites::Satellites;
 use super::splats::DeviceSplats;
+use super::submission::{Measured, measure, submit};
 use super::views::{DeviceViews, Sums};
 use crate::splat::backend::{BackendError, GpuError, StepPlan, StepReport, TrainingBackend, Wait};
 use crate::splat::pinhole::PinholeView;

@@ -1,7 +1,7 @@
 //! The arrays of images on a device: what renders, their losses and the gradients need for each pixel and tile.
 
+use super::camera_kind::CameraKind;
 use super::device::GpuDevice;
-use super::raster::CameraKind;
 use crate::splat::backend::GpuError;
 use crate::splat::raster::TILE;
 

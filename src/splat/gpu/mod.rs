@@ -9,6 +9,7 @@ mod anchors;
 mod arrays;
 mod backend;
 mod buffers;
+mod camera_kind;
 mod constants;
 mod device;
 mod frames;
@@ -24,6 +25,7 @@ mod shader;
 mod shading_uniform;
 mod sort;
 mod splats;
+mod submission;
 mod views;
 #[cfg(test)]
 mod backend_tests;
@@ -32,9 +34,9 @@ mod satellite_tests;
 #[cfg(test)]
 mod tests;
 
-pub use arrays::Measured;
 pub use backend::GpuBackend;
 pub use device::{DeviceInfo, DeviceKind, GpuDevice, devices};
 pub use photographs::Photographs;
 pub use satellites::Satellites;
+pub use submission::Measured;
 pub use views::DeviceViews;

@@ -1,13 +1,14 @@
 //! Photographs on a device.
 
 use super::arrays::{Common, CommonKernels};
+use super::camera_kind::CameraKind;
 use super::constants::NO_DATA;
 use super::device::GpuDevice;
 use super::frames::{Extent, ImageArrays, LossArrays};
 use super::kernel::Dispatch;
 use super::photometric::{Photometric, PhotometricKernels};
 use super::plan_uniform::{PlanUniform, pinhole};
-use super::raster::{CameraKind, Order, Raster, RasterKernels};
+use super::raster::{Order, Raster, RasterKernels};
 use super::splats::DeviceSplats;
 use super::views::{DeviceViews, Sums, training_numbers};
 use crate::perspective::PinholeCamera;

@@ -1,10 +1,10 @@
 //! The photometric loss on a device.
 
+use super::camera_kind::CameraKind;
 use super::device::GpuDevice;
 use super::frames::LossArrays;
 use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::plan_uniform::PlanUniform;
-use super::raster::CameraKind;
 use super::shader;
 
 /// The compiled kernels.

@@ -4,6 +4,7 @@
 //! list in depth order. A pair has a slot, to which the backward pass writes its gradient; the slots of a splat are successive, and
 //! are summed up in their order. No sum is atomic: the same device gives the same bytes.
 
+use super::camera_kind::CameraKind;
 use super::constants::SCAN_BLOCK;
 use super::device::GpuDevice;
 use super::frames::ImageArrays;
@@ -20,30 +21,6 @@ use crate::splat::backend::GpuError;
 const PROJECTED: u64 = 16;
 /// Passes of the sort by depth, whose keys are the bits of floating-point numbers.
 const DEPTH_PASSES: u32 = 4;
-
-/// The kind of a camera, which decides how splats are ordered and what is composited of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CameraKind {
-    /// A pinhole camera: by depth, and the colour as displayed.
-    Pinhole,
-    /// An affine camera with a quadratic term: by altitude, and linear colour and altitude.
-    Parallel,
-}
-
-impl CameraKind {
-    /// Number of features that are composited: `FEATURES` in `wgsl/color.wgsl` and `wgsl/color_altitude.wgsl`.
-    pub fn features(self) -> u64 {
-        match self {
-            Self::Pinhole => 3,
-            Self::Parallel => 4,
-        }
-    }
-
-    /// Words in the slot of a pair of a splat and a tile: `SLOT` there.
-    pub fn slot_words(self) -> u64 {
-        6 + self.features()
-    }
-}
 
 /// The compiled kernels.
 pub struct RasterKernels {

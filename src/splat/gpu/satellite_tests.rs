@@ -1,9 +1,9 @@
 //! Trainings of satellite scenes on a device, beside those of the processor. As learning rates of zero leave everything but the moments
 //! as it was, the first moments after one iteration are a tenth of the gradient on both.
 
-use super::arrays::submit;
 use super::backend::GpuBackend;
 use super::satellites::Satellites;
+use super::submission::submit;
 use super::tests::{device, plan};
 use super::views::DeviceViews;
 use crate::affine::{TrainingView, ViewCamera};

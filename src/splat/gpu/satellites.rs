@@ -2,13 +2,14 @@
 
 use super::anchors::Anchors;
 use super::arrays::{Common, CommonKernels};
+use super::camera_kind::CameraKind;
 use super::constants::GROUP;
 use super::device::GpuDevice;
 use super::frames::{Extent, ImageArrays, LossArrays};
 use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::photometric::{Photometric, PhotometricKernels};
 use super::plan_uniform::{PlanUniform, TrainingNumbers, parallel};
-use super::raster::{CameraKind, Order, Raster, RasterKernels};
+use super::raster::{Order, Raster, RasterKernels};
 use super::satellite_image::SatelliteImage;
 use super::shader;
 use super::shading_uniform::ShadingUniform;

@@ -1,11 +1,12 @@
 //! The device against the processor, on the same inputs. Without a device the tests say that they are skipped, unless
 //! `SATGS_REQUIRE_GPU=1` is set.
 
-use super::arrays::{REPORT, submit};
+use super::arrays::REPORT;
 use super::device::GpuDevice;
 use super::photographs::Photographs;
 use super::sort::{SIZES, Sort, SortKernels, sizes_of};
 use super::splats::{CORE, DeviceSplats, unpack};
+use super::submission::submit;
 use super::views::DeviceViews;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;

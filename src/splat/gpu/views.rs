@@ -1,10 +1,11 @@
 //! What differs between the trainings of photographs and of satellite images on a device.
 
 use super::arrays::{Common, REPORT};
+use super::camera_kind::CameraKind;
 use super::device::GpuDevice;
 use super::kernel::Dispatch;
 use super::plan_uniform::{PlanUniform, TrainingNumbers};
-use super::raster::{CameraKind, Raster};
+use super::raster::Raster;
 use super::splats::DeviceSplats;
 use crate::nn::adam::AdamStep;
 use crate::splat::adam::RULE;
