@@ -140,6 +140,18 @@ impl TrainingView {
         if inside { self.color_at(col as usize, row as usize) } else { None }
     }
 
+    /// Stored colours (red, green, blue; 0 to 255), row by row; zero where masked, and only there.
+    #[must_use]
+    pub fn stored_colors(&self) -> &[[u8; 3]] {
+        &self.colors
+    }
+
+    /// Linear radiance of each stored value.
+    #[must_use]
+    pub fn linear_values(&self) -> &[f32; 256] {
+        &self.linear
+    }
+
     fn color_at(&self, col: usize, row: usize) -> Option<[f32; 3]> {
         let stored = self.colors[row * self.width + col];
         (stored != MASKED).then(|| stored.map(|v| f32::from(v) / 255.0))

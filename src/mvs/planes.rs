@@ -2,9 +2,9 @@
 //!
 //! Views agree on no altitude inside white roofs, courtyards and streets; what is found there drifts by metres, while the
 //! edges of the same surface are right. A segment is a connected set of cells with little texture and similar gray values.
-//! Its plane is the one near which most of its altitudes lie, weighted by their scores (RANSAC, Fischler and Bolles 1981).
-//! Cells with a low score are moved onto it, within the altitudes of the cells that lie on it; if no plane is near enough of
-//! them, nothing is moved.
+//! Its plane is the one near which most of its altitudes lie, weighted by their scores (RANSAC, Fischler and Bolles 1981); the two
+//! sides of a roof, and roofs that look alike, are further planes. Cells on none of them that have a low score are moved onto the
+//! nearest, within the altitudes of the cells that lie on it; if no plane is near enough of them, nothing is moved.
 
 use super::surface::MatchedSurface;
 use super::visibility::Visibility;
@@ -26,6 +26,8 @@ const GROWTH_DIFFERENCE: f32 = 0.5;
 const TOLERANCE_M: f64 = 0.35;
 /// Share of the weight of a segment that must lie on its plane, times `LEVEL_FACTOR` if it is level.
 const MIN_SHARE: f64 = 0.4;
+/// Share of the weight of a segment that must lie on each further plane, and not on those before it.
+const FURTHER_SHARE: f64 = 0.15;
 /// Smallest weight of a cell; above it the weight is the score.
 const MIN_WEIGHT: f32 = 0.1;
 /// Number of planes that are tried: every third is level, the others pass through three cells.
@@ -82,8 +84,27 @@ impl Plane {
         self.slope[0] * col + self.slope[1] * row + self.offset
     }
 
+    /// Distance of a cell from the plane, metres of altitude.
+    fn distance(self, cell: &Cell) -> f64 {
+        (cell.at[2] - self.altitude(cell.at)).abs()
+    }
+
     fn holds(self, cell: &Cell) -> bool {
-        (cell.at[2] - self.altitude(cell.at)).abs() < TOLERANCE_M
+        self.distance(cell) < TOLERANCE_M
+    }
+}
+
+/// A plane with the lowest and highest altitude of the cells on it.
+struct Patch {
+    plane: Plane,
+    altitudes: (f64, f64),
+}
+
+impl Patch {
+    /// Whether the plane has an altitude of the patch at a cell: a segment may go on where its plane does not.
+    fn reaches(&self, cell: &Cell) -> bool {
+        let (low, high) = self.altitudes;
+        (low..=high).contains(&self.plane.altitude(cell.at))
     }
 }
 
@@ -91,22 +112,22 @@ impl MatchedSurface {
     /// Moves the cells of textureless segments that have a low score onto the planes of their segments. `visibility` is that
     /// of this surface, which is a refined one.
     pub(super) fn flatten(&mut self, visibility: &Visibility) {
-        let planes: Vec<(Vec<Cell>, Plane)> = self
+        let segments: Vec<(Vec<Cell>, Vec<Patch>)> = self
             .segments(visibility)
             .into_par_iter()
-            .filter_map(|cells| {
-                let plane = fitted(&cells, self.grid.cell)?;
-                Some((cells, plane))
+            .map(|cells| {
+                let patches = patches(&cells, self.grid.cell);
+                (cells, patches)
             })
             .collect();
-        for (cells, plane) in &planes {
-            let held = cells.iter().filter(|c| plane.holds(c)).map(|c| c.at[2]);
-            let (low, high) = held.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
-            for cell in cells.iter().filter(|c| !plane.holds(c) && self.score.data[c.index] < MAX_SCORE) {
-                let altitude = plane.altitude(cell.at);
-                // A segment may go on where its plane does not.
-                if (low..=high).contains(&altitude) {
-                    self.altitude.data[cell.index] = altitude as f32;
+        for (cells, patches) in &segments {
+            let is_free = |c: &&Cell| !patches.iter().any(|patch| patch.plane.holds(c));
+            for cell in cells.iter().filter(is_free).filter(|c| self.score.data[c.index] < MAX_SCORE) {
+                let reached = patches.iter().filter(|patch| patch.reaches(cell));
+                let nearest =
+                    reached.min_by(|a, b| a.plane.distance(cell).total_cmp(&b.plane.distance(cell)));
+                if let Some(patch) = nearest {
+                    self.altitude.data[cell.index] = patch.plane.altitude(cell.at) as f32;
                 }
             }
         }
@@ -187,8 +208,30 @@ fn grow(
     }
 }
 
-/// The plane of least squares of the cells that lie on the plane on which most of the weight of a segment lies, if that is enough.
-fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
+/// The planes of a segment, each with the cells on it that are on none before it.
+fn patches(cells: &[Cell], cell_m: f64) -> Vec<Patch> {
+    let total: f64 = cells.iter().map(|c| c.weight).sum();
+    let mut free: Vec<&Cell> = cells.iter().collect();
+    let (mut out, mut share) = (Vec::new(), MIN_SHARE);
+    while let Some(plane) = fitted(&free, share * total, cell_m) {
+        let (held, others): (Vec<&Cell>, Vec<&Cell>) = free.into_iter().partition(|c| plane.holds(c));
+        if held.is_empty() {
+            break;
+        }
+        let bounds = |(l, h): (f64, f64), c: &&Cell| (l.min(c.at[2]), h.max(c.at[2]));
+        let altitudes = held.iter().fold((f64::INFINITY, f64::NEG_INFINITY), bounds);
+        out.push(Patch { plane, altitudes });
+        (free, share) = (others, FURTHER_SHARE);
+    }
+    out
+}
+
+/// The plane of least squares of the cells that lie on the plane on which most of the weight of these cells lies, if that is at
+/// least so much.
+fn fitted(cells: &[&Cell], least: f64, cell_m: f64) -> Option<Plane> {
+    if cells.iter().map(|c| c.weight).sum::<f64>() < least || cells.is_empty() {
+        return None;
+    }
     let looked_at = || cells.iter().step_by(cells.len().div_ceil(MOST_CELLS));
     let trial = |k: u64| {
         let mut random = CounterRng::new(0, DRAW, cells[0].index as u64, k);
@@ -205,9 +248,10 @@ fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
     let trials: Vec<_> = (0..TRIALS).into_par_iter().filter_map(trial).collect();
     let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
     let (on_it, _, plane) = best?;
-    let total: f64 = looked_at().map(|c| c.weight).sum();
-    let held: Vec<&Cell> = cells.iter().filter(|c| plane.holds(c)).collect();
-    (on_it >= MIN_SHARE * total).then(|| least_squares(&held, plane.is_level()).unwrap_or(plane))
+    let (seen, all) =
+        (looked_at().map(|c| c.weight).sum::<f64>(), cells.iter().map(|c| c.weight).sum::<f64>());
+    let held: Vec<&Cell> = cells.iter().copied().filter(|c| plane.holds(c)).collect();
+    (on_it * all >= least * seen).then(|| least_squares(&held, plane.is_level()).unwrap_or(plane))
 }
 
 /// The plane of least weighted squares of the altitudes of cells; none if they lie on a line.
@@ -283,6 +327,15 @@ mod tests {
             let is_roof = |i: usize| (8..32).contains(&(i % SIDE)) && (8..32).contains(&(i / SIDE));
             assert!((0..SIDE * SIDE).all(|i| is_roof(i) || surface.data[i] == 0.0), "the ground has moved");
         }
+    }
+
+    #[test]
+    fn both_sides_of_a_roof_are_planes_and_what_drifted_on_them_moves_to_its_own_side() {
+        // The western side is larger, so that it holds most of the weight.
+        let gable = |c: usize, _: usize| 10.0 - 0.25 * (c as f32 - 22.5).abs();
+        let drifted = |c: usize, r: usize| (16..18).contains(&c) && (14..26).contains(&r);
+        let surface = flattened(|c, r| gable(c, r) + if drifted(c, r) { 2.0 } else { 0.0 });
+        assert!(worst_inside(&surface, gable) < 0.01, "{}", worst_inside(&surface, gable));
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //! 1. Cells that are not confident take a low percentile of the altitudes around them.
 //! 2. A small median filter removes noise of single cells. It preserves planes, straight edges and
 //!    right-angled corners.
-//! 3. Next to a discontinuity, cells with a low score take the altitude of the side that the trained splats
-//!    are nearer to.
+//! 3. Next to a discontinuity, cells that are not confident take the altitude of the side that the trained splats
+//!    are nearer to: these are not limited by the size of a window.
 //! 4. Each cell takes the altitude of the plane of least squares of the cells around it, of which only those count that
 //!    lie on it. That removes noise of a few decimetres and leaves edges where they are.
 
@@ -27,13 +27,10 @@ const UNCONFIDENT: RankFilter = RankFilter { radius: 2, quantile: (5, 12) };
 const MEDIAN: RankFilter = RankFilter { radius: 1, quantile: (1, 2) };
 /// Difference of altitude among a cell and its four neighbours from which on it is a discontinuity, metres.
 const DISCONTINUITY_M: f32 = 2.0;
-/// Score below which splats locate a discontinuity better than matching does: they are not limited by the
-/// size of a window.
-const EXACT_SCORE: f32 = 0.5;
 /// Half the side of the square whose cells a plane is fitted to, cells; distance from the plane up to which cells lie on it, metres;
 /// number of fits, the first to the cells around the altitude of the cell itself; and fewest cells of a plane.
 const PLANE_RADIUS: i64 = 3;
-const PLANE_TOLERANCE_M: f32 = 0.25;
+const PLANE_TOLERANCE_M: f32 = 0.15;
 const PLANE_FITS: usize = 3;
 const PLANE_CELLS: f64 = 6.0;
 /// For the first fit the tolerance grows with the distance from the cell by this part for each cell: slopes are not known yet.
@@ -52,8 +49,8 @@ impl MatchedSurface {
         let smooth = MEDIAN.apply(&filled, |_, _| true);
         self.altitude = Grid2::from_rows(smooth.width, smooth.height, |row, line| {
             for (col, z) in line.iter_mut().enumerate() {
-                let is_exact = self.score.at(col, row) >= EXACT_SCORE;
-                *z = if is_exact {
+                let is_confident = self.score.at(col, row) >= CONFIDENT;
+                *z = if is_confident {
                     smooth.at(col, row)
                 } else {
                     snapped(&smooth, col, row, trained.at(col, row))
@@ -232,11 +229,11 @@ mod tests {
             Grid2::from_fn(20, 16, move |col, _| if col < at { height } else { 0.1 })
         };
         let trained = step(11, 7.0);
-        assert_eq!(postfiltered_with(step(10, 8.0), |_, _| 0.45, &trained), step(11, 8.0));
-        assert_eq!(postfiltered_with(step(10, 8.0), |_, _| 0.55, &trained), step(10, 8.0));
-        assert_eq!(postfiltered_with(step(10, 1.5), |_, _| 0.45, &trained), step(10, 1.5));
+        assert_eq!(postfiltered_with(step(10, 8.0), |_, _| 0.35, &trained), step(11, 8.0));
+        assert_eq!(postfiltered_with(step(10, 8.0), |_, _| 0.45, &trained), step(10, 8.0));
+        assert_eq!(postfiltered_with(step(10, 1.5), |_, _| 0.35, &trained), step(10, 1.5));
         // The discontinuity moves by one cell at most.
-        assert_eq!(postfiltered_with(step(9, 8.0), |_, _| 0.45, &trained), step(10, 8.0));
+        assert_eq!(postfiltered_with(step(9, 8.0), |_, _| 0.35, &trained), step(10, 8.0));
     }
 
     #[test]

@@ -50,6 +50,18 @@ impl Adam {
         pieces.for_each(|((values, gradient), (first, second))| step.update(values, gradient, first, second));
     }
 
+    /// First and second moments, and the number of steps.
+    #[must_use]
+    pub fn parts(&self) -> (&[f32], &[f32], u32) {
+        (&self.first, &self.second, self.steps)
+    }
+
+    /// The inverse of [`Adam::parts`].
+    #[must_use]
+    pub fn of_parts(first: Vec<f32>, second: Vec<f32>, steps: u32) -> Self {
+        Self { first, second, steps }
+    }
+
     /// Whether there are moments for so many parameters, or no step was taken yet.
     #[must_use]
     pub fn fits(&self, parameters: usize) -> bool {

@@ -20,6 +20,7 @@ mod datum;
 mod depth_views;
 mod dsm;
 mod error;
+mod gpu_support;
 mod evaluate;
 mod export;
 mod export_folder;
@@ -50,6 +51,7 @@ mod surface_source;
 mod train;
 mod train_options;
 mod trained;
+mod training_device;
 mod training_stage;
 mod view;
 

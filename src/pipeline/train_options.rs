@@ -1,6 +1,7 @@
 //! The options of a training.
 
 use super::PipelineError;
+use super::gpu_support::unsupported_heights;
 use crate::affine::SiteFrame;
 use crate::prior::{InpaintCommand, PriorSource, PriorSources};
 use crate::splat::backend::DeviceChoice;
@@ -32,7 +33,7 @@ pub struct TrainOptions {
     pub no_splats: bool,
     /// Seed of all random numbers. The same seed gives the same bytes.
     pub seed: u64,
-    /// Which device trains. Only photographs with ellipsoids can train on a GPU.
+    /// Which device trains; what can train on a GPU is in docs/guide/gpu.md.
     pub device: DeviceChoice,
     /// Iterations from one checkpoint to the next.
     pub checkpoint_every: u32,
@@ -108,9 +109,11 @@ impl TrainOptions {
             return Err(PipelineError::RecipeOfPerspective { recipe: any.name });
         };
         if let DeviceChoice::Gpu(_) = self.device {
-            let (found, expected) =
-                (self.device.to_string(), "auto or cpu: satellite images train on the processor");
-            return Err(PipelineError::Option { option: "--device", found, expected });
+            let trainings = [Some(&recipe), recipe.kind.then.as_deref()];
+            if let Some(why) = trainings.into_iter().flatten().find_map(unsupported_heights) {
+                let found = format!("{}, but {why}", self.device);
+                return Err(PipelineError::Option { option: "--device", found, expected: "auto or cpu" });
+            }
         }
         if self.no_splats && (recipe.kind.start != Start::Surface || recipe.kind.then.is_some()) {
             let found = format!("given with recipe `{}`", recipe.name);

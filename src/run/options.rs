@@ -2,6 +2,7 @@
 
 use crate::metrics::Truth;
 use crate::pipeline::{AdjustOptions, DsmOptions, EvaluateOptions, PipelineError, TrainOptions};
+use crate::splat::backend::DeviceChoice;
 use crate::splat::recipe::Recipe;
 use crate::tiles::{PlanOptions, TileSurface, TilesError};
 use std::path::{Path, PathBuf};
@@ -102,6 +103,7 @@ impl RunOptions {
             (dsm.dtm, "--dtm", "`satgs dsm RUN/tiles/ID --dtm` makes it of a tile"),
             (dsm.points.is_some(), "--points", products),
             (dsm.mesh.is_some(), "--mesh", products),
+            (matches!(self.train.device, DeviceChoice::Gpu(_)), "--device", "the processor trains tiles"),
         ];
         match asked.into_iter().find(|(is_asked, ..)| *is_asked) {
             Some((_, option, instead)) => Err(TilesError::OneTileOnly { option, instead }),

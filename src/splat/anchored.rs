@@ -128,6 +128,17 @@ impl AnchoredSplats {
         });
     }
 
+    /// The residuals, in the order of the anchorings.
+    #[must_use]
+    pub fn residuals(&self) -> &Splats {
+        &self.residuals
+    }
+
+    /// Replaces the residuals, which are in the order of the anchorings.
+    pub fn set_residuals(&mut self, residuals: Splats) {
+        self.residuals = residuals;
+    }
+
     fn for_groups(&mut self, splats: &mut Splats, each: impl Fn(&[Anchoring], Group) + Sync) {
         let Self { anchorings, residuals } = self;
         if anchorings.is_empty() {

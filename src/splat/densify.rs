@@ -34,10 +34,9 @@ impl DensifyStats {
         self.views.len().min(self.gradient.len())
     }
 
-    /// Statistics with these sums of each splat: of the norms of the gradient over the views, and the number of views.
-    pub fn of_sums(sums: impl Iterator<Item = (f32, u32)>) -> Self {
-        let (gradient, views) = sums.unzip();
-        Self { gradient, views, magnification: 0.0 }
+    /// Replaces the sums of each splat: of the norms of the gradient over the views, and the number of views.
+    pub fn set_sums(&mut self, sums: impl Iterator<Item = (f32, u32)>) {
+        (self.gradient, self.views) = sums.unzip();
     }
 
     /// The sums of each splat: of the norms of the gradient over the views, and the number of views.
@@ -76,7 +75,7 @@ impl DensifyStats {
         pixels_per_m: f64,
         longer_side: f64,
     ) {
-        self.magnification = self.magnification.max(pixels_per_m / longer_side);
+        self.magnify(pixels_per_m, longer_side);
         let sums = self.gradient.par_iter_mut().zip(&mut self.views).with_min_len(1024).enumerate();
         sums.for_each(|(splat, (gradient, views))| {
             if let Some([x, y]) = mean2d_gradient(splat) {
@@ -84,6 +83,11 @@ impl DensifyStats {
                 *views += 1;
             }
         });
+    }
+
+    /// Adds the scale of a view; `longer_side` is in pixels.
+    pub fn magnify(&mut self, pixels_per_m: f64, longer_side: f64) {
+        self.magnification = self.magnification.max(pixels_per_m / longer_side);
     }
 
     /// Adds the render of a view that may show only the splats of its gradient. `mean2d_gradient` is as above, by the place in

@@ -11,7 +11,7 @@ use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
 
 /// The constant ρ, per metre of altitude difference (EOGS).
-const SHADOW_RATE_PER_M: f64 = 0.4;
+pub(super) const SHADOW_RATE_PER_M: f64 = 0.4;
 
 /// The sun's render of altitudes, and the map from a view's pixels to it.
 pub type SunImage<'a, T> = (ShearWarp<T>, &'a Image<T>);

@@ -19,6 +19,7 @@ use crate::run_files::{
     SPLATS, STAGE,
 };
 use crate::scene::{Scene, View};
+use crate::splat::backend::DeviceChoice;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -215,6 +216,8 @@ impl Job<'_> {
             lpips: path(lpips)?,
             checkpoint_every: self.checkpoint_every,
             frame: Some(frame),
+            // Several tiles may train at a time.
+            device: DeviceChoice::Cpu,
             ..TrainOptions::default()
         })
     }

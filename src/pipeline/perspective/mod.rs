@@ -3,7 +3,7 @@
 //! The run folder is that of satellite scenes without an adjustment. `scene.json` says where the scene lies and how it is read;
 //! commands that need its images read it again.
 
-mod backend;
+mod device;
 mod render;
 mod prior_pictures;
 mod priors;

@@ -10,7 +10,7 @@ use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
 use super::super::train_options::TrainOptions;
 use super::super::trained::Trained;
 use super::super::training_stage::{TrainingSoFar, TrainingStage};
-use super::backend::train_photographs;
+use super::device::train_photographs;
 use super::prior_pictures;
 use super::priors::{matched_scene, prior_sources, priors, starts_from_matches};
 use super::start::splats_at_start;

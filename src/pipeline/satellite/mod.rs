@@ -1,6 +1,7 @@
 //! Runs of satellite scenes: training for heights, and for colours (`appearance/`), images from any direction, scores.
 
 mod appearance;
+mod device;
 mod render;
 mod scores;
 mod train;

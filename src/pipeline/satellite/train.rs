@@ -6,12 +6,13 @@ use super::super::run_folder::stage::{Fingerprint, Outcome, adjustment_fingerpri
 use super::super::surface_source::{KnownSurface, SurfaceIsKnown};
 use super::super::train_options::TrainOptions;
 use super::super::trained::{Trained, mean};
-use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
+use super::super::training_stage::{TrainingSoFar, TrainingStage};
 use super::super::{PipelineError, TrainedCameras, read_scene, relocation};
 use super::appearance::{self, OtherNetworks};
+use super::device;
 use super::training::Training;
 use crate::affine::{SiteSceneError, median_pixel_m};
-use crate::estimate::Imaging;
+use crate::estimate::{Imaging, measured_cores};
 use crate::mvs::DSM_CELL_M;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
@@ -20,7 +21,7 @@ use crate::scene::Scene;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::loss::{Prior, TermInputs};
 use crate::splat::recipe::{Recipe, SatelliteRecipe};
-use crate::splat::satellite::{SatelliteScene, SatelliteViews};
+use crate::splat::satellite::SatelliteScene;
 use crate::splat::train::Schedule;
 use std::path::Path;
 use std::sync::Arc;
@@ -84,6 +85,7 @@ fn train_heights(
         Some(interrupted) => interrupted,
         None => TrainingSoFar::start(training.state_at_start(&views, first.as_ref(), progress)?),
     };
+    let mut device = None;
     if options.no_splats {
         stage.write_log(&[])?;
     } else {
@@ -93,10 +95,10 @@ fn train_heights(
         }
         let (altitudes, appearance) = (training.setup.altitudes, training.recipe.kind.appearance);
         let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
-        let scene = SatelliteScene {
+        let scene = || SatelliteScene {
             views: views.clone(),
             altitudes,
-            inputs: TermInputs { prior, lpips: None },
+            inputs: TermInputs { prior: prior.clone(), lpips: None },
             appearance,
             cube: Cube::around(training.setup.area, altitudes),
             visibility: None,
@@ -110,12 +112,12 @@ fn train_heights(
             is_gray: views.iter().all(|view| view.is_gray),
             seed: options.seed,
         };
-        let snapshot: Snapshot<_> = &|backend, done| training.picture(backend, &views, done);
-        let model = SatelliteViews::new(scene, &so_far.state);
-        (_, so_far) = stage.train(model, &schedule, so_far, Some(snapshot))?;
+        let of_scene = (&views[..], &scene as &dyn Fn() -> SatelliteScene);
+        let on = (options.device, progress);
+        (so_far, device) = device::train_heights((&stage, &training), of_scene, &schedule, so_far, on)?;
     }
     let cameras = training.write(&so_far.state, &views, first.as_ref())?;
-    let trained = summary(&cameras, &so_far);
+    let trained = Trained { device, ..summary(&cameras, &so_far) };
     stage.complete(&trained)?;
     training.forget_matching();
     Ok(Outcome::Made(trained))
@@ -149,7 +151,7 @@ fn tell_expectation(training: &Training, progress: &dyn Progress) {
     let ((west, south, east, north), (low, high)) = (setup.area, setup.altitudes);
     let whole = (1, [east - west, north - south]);
     let cost = imaging.cost(&training.recipe, whole, high - low, DSM_CELL_M);
-    progress.event(Event::Note(imaging.text(cost, rayon::current_num_threads())));
+    progress.event(Event::Note(imaging.text(cost, measured_cores())));
 }
 
 /// What a training is made from; its keys are the names of options on the command line.

@@ -15,12 +15,12 @@ use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, MATCHI
 use crate::scene::{Role, Scene, SearchedHeights};
 use crate::splat::anchored::StartSplats;
 use crate::splat::appearance::{Appearance, AppearanceKind, affine};
-use crate::splat::backend::{BackendError, CpuBackend, TrainingBackend};
+use crate::splat::backend::{BackendError, TrainingBackend};
 use crate::splat::init;
 use crate::splat::ply;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::recipe::{Recipe, SatelliteRecipe, Start};
-use crate::splat::satellite::SatelliteViews;
+use crate::splat::satellite::{NovelView, Picture};
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::pictures;
@@ -204,9 +204,9 @@ impl<'a> Training<'a> {
     }
 
     /// A picture of the training after so many iterations.
-    pub fn picture(
+    pub fn picture<B: TrainingBackend<Viewpoint = NovelView, Picture = Picture> + ?Sized>(
         &self,
-        backend: &mut CpuBackend<SatelliteViews>,
+        backend: &mut B,
         views: &[TrainingView],
         done: u32,
     ) -> Result<RgbImage, BackendError> {

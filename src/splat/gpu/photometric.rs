@@ -1,66 +1,50 @@
-//! The photometric loss on a device, and the report of an iteration.
+//! The photometric loss on a device.
 
+use super::camera_kind::CameraKind;
 use super::device::GpuDevice;
-use super::frames::Frames;
+use super::frames::LossArrays;
 use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::plan_uniform::PlanUniform;
-use super::raster::Raster;
 use super::shader;
-
-/// Words of `Report` in `wgsl/report.wgsl`.
-pub const REPORT: usize = 5;
 
 /// The compiled kernels.
 pub struct PhotometricKernels {
     forward: Kernel,
     backward: Kernel,
-    report: Kernel,
 }
 
 impl PhotometricKernels {
-    /// Compiles them.
-    pub fn new(gpu: &GpuDevice) -> Self {
-        let kernel = |shader| Kernel::new(gpu, shader, &[]);
-        Self {
-            forward: kernel(shader::SSIM_FORWARD),
-            backward: kernel(shader::SSIM_BACKWARD),
-            report: kernel(shader::REPORT),
+    /// Compiles them for views of this kind: photographs are stored as bytes, and what satellite views are compared with as linear
+    /// colours.
+    pub fn new(gpu: &GpuDevice, kind: CameraKind) -> Self {
+        let [forward, backward] = match kind {
+            CameraKind::Pinhole => [shader::SSIM_FORWARD_PHOTOGRAPH, shader::SSIM_BACKWARD_PHOTOGRAPH],
+            CameraKind::Parallel => [shader::SSIM_FORWARD_LINEAR, shader::SSIM_BACKWARD_LINEAR],
         }
-    }
-
-    /// The report with its arrays.
-    pub fn bind_report(
-        &self,
-        gpu: &GpuDevice,
-        raster: &Raster,
-        frames: &Frames,
-        report: &wgpu::Buffer,
-    ) -> Bound {
-        let Frames { ssim_sums, l1_sums, .. } = frames;
-        self.report
-            .bind(gpu, &[&raster.plan, &raster.status, &raster.opacity_sums, ssim_sums, l1_sums, report])
+        .map(|shader| Kernel::new(gpu, shader, &[]));
+        Self { forward, backward }
     }
 }
 
-/// The loss of one photograph.
+/// The loss of one picture.
 pub struct Photometric {
     forward: Bound,
     backward: Bound,
 }
 
 impl Photometric {
-    /// Of the photograph with these pixels.
+    /// Of a picture that is compared with a target; the derivatives go to `by_pixel`.
     pub fn new(
         gpu: &GpuDevice,
         kernels: &PhotometricKernels,
         plan: &wgpu::Buffer,
-        frames: &Frames,
-        photograph: &wgpu::Buffer,
+        [picture, target, by_pixel]: [&wgpu::Buffer; 3],
+        arrays: &LossArrays,
     ) -> Self {
-        let Frames { frame, by_moments, by_pixel, ssim_sums, l1_sums, .. } = frames;
+        let LossArrays { by_moments, ssim_sums, l1_sums } = arrays;
         Self {
-            forward: kernels.forward.bind(gpu, &[plan, frame, photograph, by_moments, ssim_sums]),
-            backward: kernels.backward.bind(gpu, &[plan, frame, photograph, by_moments, by_pixel, l1_sums]),
+            forward: kernels.forward.bind(gpu, &[plan, picture, target, by_moments, ssim_sums]),
+            backward: kernels.backward.bind(gpu, &[plan, picture, target, by_moments, by_pixel, l1_sums]),
         }
     }
 

@@ -4,16 +4,17 @@
 //! list in depth order. A pair has a slot, to which the backward pass writes its gradient; the slots of a splat are successive, and
 //! are summed up in their order. No sum is atomic: the same device gives the same bytes.
 
-use super::constants::{SCAN_BLOCK, SLOT};
+use super::camera_kind::CameraKind;
+use super::constants::SCAN_BLOCK;
 use super::device::GpuDevice;
-use super::frames::Frames;
+use super::frames::ImageArrays;
 use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::plan_uniform::PlanUniform;
 use super::shader;
 use super::sort::{
     SIZES, Scan, ScanKernels, Sort, SortKernels, VALUE_GROUPS, VALUES, groups_for, passes, sizes_of,
 };
-use super::splats::{CORE, SplatParameters};
+use super::splats::{CORE, DeviceSplats};
 use crate::splat::backend::GpuError;
 
 /// Words of `Projected` in `wgsl/plan.wgsl`.
@@ -23,6 +24,7 @@ const DEPTH_PASSES: u32 = 4;
 
 /// The compiled kernels.
 pub struct RasterKernels {
+    kind: CameraKind,
     project: Kernel,
     sort: SortKernels,
     scan: ScanKernels,
@@ -36,39 +38,86 @@ pub struct RasterKernels {
 }
 
 impl RasterKernels {
-    /// Compiles them.
-    pub fn new(gpu: &GpuDevice) -> Self {
+    /// Compiles them for a kind of cameras.
+    pub fn new(gpu: &GpuDevice, kind: CameraKind) -> Self {
         let kernel = |shader| Kernel::new(gpu, shader, &[]);
+        let [project, forward, backward, gather] = match kind {
+            CameraKind::Pinhole => [
+                shader::PROJECT_PINHOLE,
+                shader::FORWARD_COLOR,
+                shader::BACKWARD_COLOR,
+                shader::GATHER_PINHOLE,
+            ],
+            CameraKind::Parallel => [
+                shader::PROJECT_PARALLEL,
+                shader::FORWARD_COLOR_ALTITUDE,
+                shader::BACKWARD_COLOR_ALTITUDE,
+                shader::GATHER_PARALLEL,
+            ],
+        }
+        .map(kernel);
         Self {
-            project: kernel(shader::PROJECT),
+            kind,
+            project,
             sort: SortKernels::new(gpu),
             scan: ScanKernels::new(gpu, VALUES),
             pair_counts: kernel(shader::PAIR_COUNTS),
             pair_sizes: kernel(shader::PAIR_SIZES),
             pair_emit: kernel(shader::PAIR_EMIT),
             tile_ranges: kernel(shader::TILE_RANGES),
-            forward: kernel(shader::FORWARD),
-            backward: kernel(shader::BACKWARD),
-            gather: kernel(shader::GATHER),
+            forward,
+            backward,
+            gather,
         }
     }
 }
 
-/// The arrays of the rasteriser and its kernels with them.
-pub struct Raster {
-    /// The uniform of an iteration.
-    pub plan: wgpu::Buffer,
+/// What all cameras of an iteration share: the order of the splats, and the sum of their gradients.
+pub struct Order {
     /// The halted iteration, or 0, and the number of pairs that it needs.
     pub status: wgpu::Buffer,
     /// Sums of the splats' opacities over workgroups.
     pub opacity_sums: wgpu::Buffer,
     /// Derivatives by the splats' parameters: `Core` in `wgsl/plan.wgsl`.
     pub gradient: wgpu::Buffer,
+    splat_sizes: wgpu::Buffer,
+    depth_sort: Sort,
+}
+
+impl Order {
+    /// Room for so many splats.
+    pub fn new(gpu: &GpuDevice, kernels: &RasterKernels, capacity: usize) -> Result<Self, GpuError> {
+        let n = capacity as u64;
+        let splat_sizes = gpu.sizes("sizes of splats", SIZES)?;
+        Ok(Self {
+            status: gpu.array("status", 2)?,
+            opacity_sums: gpu.array("sums of opacities", n)?,
+            gradient: gpu.array("gradient", n * CORE as u64)?,
+            depth_sort: Sort::new(gpu, &kernels.sort, &splat_sizes, n)?,
+            splat_sizes,
+        })
+    }
+
+    /// Tells the device how many splats there are.
+    pub fn write_count(&self, gpu: &GpuDevice, splats: usize) {
+        gpu.write(&self.splat_sizes, &sizes_of(splats));
+    }
+
+    /// Adds the sort of so many splats, which a camera has projected.
+    pub fn sort<'a>(&'a self, list: &mut Vec<Dispatch<'a>>, splats: usize) {
+        list.extend(self.depth_sort.on(DEPTH_PASSES, splats as u64));
+    }
+}
+
+/// The arrays of a camera's render and its kernels with them.
+pub struct Raster {
+    /// The uniform of the render.
+    pub plan: wgpu::Buffer,
     /// Room for so many pairs of splats and tiles.
     pub pair_capacity: u32,
-    splat_sizes: wgpu::Buffer,
+    /// See [`ImageArrays::ranges`].
+    pub ranges: wgpu::Buffer,
     pair_sizes: wgpu::Buffer,
-    depth_sort: Sort,
     tile_sort: Sort,
     scan: Scan,
     project: Bound,
@@ -88,41 +137,30 @@ struct ByTile {
 }
 
 impl Raster {
-    /// Room for so many splats and pairs.
+    /// Room for so many pairs.
     pub fn new(
         gpu: &GpuDevice,
         kernels: &RasterKernels,
-        frames: &Frames,
-        (splats, statistics): (&SplatParameters, &wgpu::Buffer),
-        (capacity, pair_capacity): (usize, u32),
+        (order, image): (&Order, &ImageArrays),
+        splats: &DeviceSplats,
+        pair_capacity: u32,
     ) -> Result<Self, GpuError> {
-        let (n, pairs) = (capacity as u64, u64::from(pair_capacity));
+        let Order { status, opacity_sums, gradient, splat_sizes, depth_sort } = order;
+        let (core, rest, statistics) = (&splats.values.core, &splats.values.rest, &splats.statistics);
+        let (n, pairs) = (splats.capacity as u64, u64::from(pair_capacity));
         let plan = gpu.uniform("plan", super::plan_uniform::WORDS as u64)?;
-        let status = gpu.array("status", 2)?;
         let projected = gpu.array("images of splats", n * PROJECTED)?;
-        let opacity_sums = gpu.array("sums of opacities", n)?;
-        let gradient = gpu.array("gradient", n * CORE as u64)?;
-        let splat_sizes = gpu.sizes("sizes of splats", SIZES)?;
         let pair_sizes = gpu.sizes("sizes of pairs", SIZES)?;
         let pair_counts = gpu.array("tiles of splats", n)?;
         let pair_splats = gpu.array("splats of pairs", pairs)?;
-        let slots = gpu.array("gradients of pairs of splats and tiles", pairs * u64::from(SLOT))?;
-        let depth_sort = Sort::new(gpu, &kernels.sort, &splat_sizes, n)?;
+        let slots = gpu.array("gradients of pairs of splats and tiles", pairs * kernels.kind.slot_words())?;
         let tile_sort = Sort::new(gpu, &kernels.sort, &pair_sizes, pairs)?;
-        let scan = Scan::new(gpu, &kernels.scan, &splat_sizes, (&pair_counts, n))?;
-        let (_, order) = depth_sort.sorted(DEPTH_PASSES);
-        let project = [
-            &plan,
-            &splats.core,
-            &splats.rest,
-            &projected,
-            &depth_sort.keys,
-            &depth_sort.values,
-            &opacity_sums,
-        ];
+        let scan = Scan::new(gpu, &kernels.scan, splat_sizes, (&pair_counts, n))?;
+        let (_, sorted) = depth_sort.sorted(DEPTH_PASSES);
+        let project = [&plan, core, rest, &projected, &depth_sort.keys, &depth_sort.values, opacity_sums];
         let emit = [
             &plan,
-            order,
+            sorted,
             &pair_counts,
             &scan.block_sums,
             &pair_sizes,
@@ -131,43 +169,34 @@ impl Raster {
             &tile_sort.values,
             &pair_splats,
         ];
-        let gather = [&plan, &splats.core, &splats.rest, &projected, &slots, &status, &gradient, statistics];
+        let gather = [&plan, core, rest, &projected, &slots, status, gradient, statistics];
         let by_tile = [0, 1].map(|passes| {
-            let (tiles, sorted) = tile_sort.sorted(passes);
-            let lists = [&plan, &frames.ranges, sorted, &pair_splats, &projected, &frames.frame];
-            let backward = [&lists[..], &[&frames.by_pixel, &slots]].concat();
+            let (tiles, entries) = tile_sort.sorted(passes);
+            let lists = [&plan, &image.ranges, entries, &pair_splats, &projected, &image.frame];
+            let backward = [&lists[..], &[&image.by_pixel, &slots]].concat();
             ByTile {
-                ranges: kernels.tile_ranges.bind(gpu, &[&plan, &pair_sizes, tiles, &frames.ranges]),
+                ranges: kernels.tile_ranges.bind(gpu, &[&plan, &pair_sizes, tiles, &image.ranges]),
                 forward: kernels.forward.bind(gpu, &lists),
                 backward: kernels.backward.bind(gpu, &backward),
             }
         });
         Ok(Self {
             project: kernels.project.bind(gpu, &project),
-            count_pairs: kernels.pair_counts.bind(gpu, &[&plan, order, &projected, &pair_counts]),
-            size_pairs: kernels.pair_sizes.bind(gpu, &[&plan, &scan.block_sums, &status, &pair_sizes]),
+            count_pairs: kernels.pair_counts.bind(gpu, &[&plan, sorted, &projected, &pair_counts]),
+            size_pairs: kernels.pair_sizes.bind(gpu, &[&plan, &scan.block_sums, status, &pair_sizes]),
             emit: kernels.pair_emit.bind(gpu, &emit),
             gather: kernels.gather.bind(gpu, &gather),
             by_tile,
+            ranges: image.ranges.clone(),
             plan,
-            status,
-            opacity_sums,
-            gradient,
             pair_capacity,
-            splat_sizes,
             pair_sizes,
-            depth_sort,
             tile_sort,
             scan,
         })
     }
 
-    /// Tells the device how many splats there are.
-    pub fn write_count(&self, gpu: &GpuDevice, splats: usize) {
-        gpu.write(&self.splat_sizes, &sizes_of(splats));
-    }
-
-    /// Number of pairs of splats and tiles of the last iteration.
+    /// Number of pairs of splats and tiles of the last render.
     ///
     /// # Errors
     /// [`GpuError::Failed`].
@@ -175,12 +204,15 @@ impl Raster {
         Ok(gpu.read(&self.pair_sizes, 1)?.first().copied().unwrap_or(0))
     }
 
-    /// Adds the render of a view; the ranges of its tiles are zero before.
+    /// Adds the projection, which is before [`Order::sort`].
+    pub fn project<'a>(&'a self, list: &mut Vec<Dispatch<'a>>, plan: &PlanUniform) {
+        list.push(self.project.on(groups_for(plan.splats as u64)));
+    }
+
+    /// Adds the render of the sorted splats; the ranges of its tiles are zero before.
     pub fn forward<'a>(&'a self, list: &mut Vec<Dispatch<'a>>, plan: &PlanUniform) {
         let (n, [across, down]) = (plan.splats as u64, plan.tiles());
         let passes = Self::tile_passes(plan);
-        list.push(self.project.on(groups_for(n)));
-        list.extend(self.depth_sort.on(DEPTH_PASSES, n));
         list.push(self.count_pairs.on(groups_for(n)));
         list.extend(self.scan.on(Groups::Row(n.div_ceil(SCAN_BLOCK.into()))));
         list.push(self.size_pairs.on(Groups::Row(1)));

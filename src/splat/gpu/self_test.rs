@@ -2,13 +2,18 @@
 
 use super::backend::GpuBackend;
 use super::device::GpuDevice;
+use crate::affine::{TrainingView, ViewCamera};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::progress::NoProgress;
 use crate::random::CounterRng;
+use crate::splat::appearance::AppearanceKind;
+use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::{BackendError, CpuBackend, GpuError, TrainingBackend};
+use crate::splat::loss::TermInputs;
 use crate::splat::pinhole::{PinholeView, PinholeViews};
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{Recipe, RecipeKind};
+use crate::splat::satellite::{SatelliteScene, SatelliteViews};
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::{Schedule, train};
@@ -22,27 +27,41 @@ const SIZE: (usize, usize) = (48, 32);
 const TOLERANCE: f64 = 1e-3;
 
 impl GpuDevice {
-    /// Compares a few iterations on the device with the same on the processor; it takes about a second.
+    /// Compares a few iterations of photographs and of satellite views on the device with the same on the processor; it takes about
+    /// two seconds.
     ///
     /// # Errors
     /// [`GpuError::Wrong`] if the losses differ; others if the device fails.
     pub fn self_test(&self) -> Result<(), BackendError> {
-        let views = Arc::new(vec![view()]);
-        let found = losses(&mut GpuBackend::new(self.clone(), views.clone(), start())?)?;
-        let expected = losses(&mut CpuBackend::new(PinholeViews::new(views, &start()), start())?)?;
+        let (views, state) = (Arc::new(vec![view()]), start());
+        let found = losses("3dgs", &mut GpuBackend::new(self.clone(), views.clone(), state.clone())?)?;
+        let model = PinholeViews::new(views, &state);
+        self.require_same(found, losses("3dgs", &mut CpuBackend::new(model, state)?)?)?;
+        let state = satellite_start();
+        let on_device = GpuBackend::of_satellites(self.clone(), satellite_scene(), state.clone());
+        let found = losses("eogs", &mut on_device?)?;
+        let model = SatelliteViews::new(satellite_scene(), &state);
+        self.require_same(found, losses("eogs", &mut CpuBackend::new(model, state)?)?)
+    }
+
+    fn require_same(&self, found: Vec<f64>, expected: Vec<f64>) -> Result<(), BackendError> {
         let agrees = |(a, b): (&f64, &f64)| (a - b).abs() <= TOLERANCE * b.abs();
-        if found.iter().zip(&expected).all(agrees) {
+        if found.len() == expected.len() && found.iter().zip(&expected).all(agrees) {
             return Ok(());
         }
         Err(GpuError::Wrong { device: self.info.name.clone(), found, expected }.into())
     }
 }
 
-/// The losses of the iterations.
-fn losses<B: TrainingBackend>(backend: &mut B) -> Result<Vec<f64>, BackendError> {
-    let Some(recipe) = Recipe::named(Recipe::OF_PERSPECTIVE_SCENES) else { return Ok(Vec::new()) };
+/// The losses of the iterations by a recipe; satellite views have shadows and a virtual view from the first on.
+fn losses<B: TrainingBackend>(recipe: &str, backend: &mut B) -> Result<Vec<f64>, BackendError> {
+    let Some(recipe) = Recipe::named(recipe) else { return Ok(Vec::new()) };
+    let mut recipe = recipe.with_iterations(ITERATIONS);
+    if let RecipeKind::Satellite(satellite) = &mut recipe.kind {
+        satellite.shadows_from = 0;
+    }
     let schedule = Schedule {
-        recipe: &recipe.with_iterations(ITERATIONS),
+        recipe: &recipe,
         views: 1,
         half_side_m: 3.0,
         pixel_m: 0.0,
@@ -84,4 +103,34 @@ fn start() -> TrainingState {
     }
     splats.f_rest.resize(splats.len(), [0.02; 45]);
     TrainingState::start(splats, Default::default(), 0, 0)
+}
+
+/// A view of the ground from the south with a sun in the west.
+fn satellite_scene() -> SatelliteScene {
+    let camera = ViewCamera::affine([[8.0, 0.0, 1.0], [0.0, -8.0, 3.0]], [23.5, 15.5]);
+    let plane = |k: usize| {
+        Grid2::from_fn(SIZE.0, SIZE.1, |col, row| ((col * (k + 2) + row * 3) % 29) as f32 / 40.0 + 0.1)
+    };
+    let (area, bands) = ((-9.0, -9.0, 9.0, 9.0), [0, 1, 2].map(plane));
+    let view = TrainingView::new("pattern".into(), camera, Some([4.0, -1.0]), &bands, area, (0.0, 0.0));
+    SatelliteScene {
+        views: Arc::new(vec![view]),
+        altitudes: (-2.0, 2.0),
+        inputs: TermInputs::default(),
+        appearance: AppearanceKind::Affine,
+        cube: Cube::default(),
+        visibility: None,
+    }
+}
+
+/// Random splats of several colours near the ground.
+fn satellite_start() -> TrainingState {
+    let mut splats = Splats::default();
+    for i in 0..SPLATS {
+        let mut draw = CounterRng::new(2, 0, 0, i);
+        let [x, y, z] = [2.0, 1.5, 0.3].map(|by| (by * draw.normal()) as f32);
+        let color = [0; 3].map(|_| draw.uniform() as f32);
+        splats.push([x, y, z], 0.1 + 0.3 * draw.uniform() as f32, 0.2 + 0.7 * draw.uniform() as f32, color);
+    }
+    TrainingState::start(splats, AppearanceKind::Affine, 1, 0)
 }

@@ -38,7 +38,8 @@ macro_rules! shaders {
 }
 
 shaders! {
-    PROJECT = "project" after ["camera", "harmonics", "spans", "sum"];
+    PROJECT_PINHOLE = "project" after ["shape", "pinhole", "color", "harmonics", "spans", "sum"];
+    PROJECT_PARALLEL = "project" after ["shape", "parallel", "color_altitude", "harmonics", "spans", "sum"];
     SORT_COUNT = "sort_count" after [];
     SORT_SCATTER = "sort_scatter" after [];
     SCAN_BLOCKS = "scan_blocks" after ["scan"];
@@ -47,14 +48,31 @@ shaders! {
     PAIR_SIZES = "pair_sizes" after [];
     PAIR_EMIT = "pair_emit" after ["spans"];
     TILE_RANGES = "tile_ranges" after [];
-    FORWARD = "forward" after ["alpha"];
-    SSIM_FORWARD = "ssim_forward" after ["window", "sum"];
-    SSIM_BACKWARD = "ssim_backward" after ["window", "sum"];
-    BACKWARD = "backward" after ["alpha"];
-    GATHER = "gather" after ["camera", "harmonics"];
-    STEP_REST = "step_rest" after ["camera", "harmonics", "adam"];
+    FORWARD_COLOR = "forward" after ["color", "alpha"];
+    FORWARD_COLOR_ALTITUDE = "forward" after ["color_altitude", "alpha"];
+    BACKWARD_COLOR = "backward" after ["color", "alpha"];
+    BACKWARD_COLOR_ALTITUDE = "backward" after ["color_altitude", "alpha"];
+    GATHER_PINHOLE = "gather" after ["shape", "pinhole", "color", "harmonics"];
+    GATHER_PARALLEL = "gather" after ["shape", "parallel", "color_altitude", "harmonics"];
+    SSIM_FORWARD_PHOTOGRAPH = "ssim_forward" after ["photograph", "window", "sum"];
+    SSIM_FORWARD_LINEAR = "ssim_forward" after ["linear_target", "window", "sum"];
+    SSIM_BACKWARD_PHOTOGRAPH = "ssim_backward" after ["photograph", "window", "sum"];
+    SSIM_BACKWARD_LINEAR = "ssim_backward" after ["linear_target", "window", "sum"];
+    TARGET = "target" after ["shading"];
+    SHADE = "shade" after ["shading", "color_model", "view_model", "sum"];
+    SHADE_BACKWARD = "shade_backward" after ["shading", "color_model", "view_model", "sum"];
+    SUN_BACKWARD = "sun_backward" after [];
+    COMPARE = "compare" after ["shading", "sum"];
+    COMPARE_SUMS = "compare_sums" after ["sum"];
+    COMPARE_BACKWARD = "compare_backward" after ["shading"];
+    SURFACE_PRIOR = "surface_prior" after ["shading", "sum"];
+    ANCHOR_BEGIN = "anchor_begin" after ["shading", "anchoring"];
+    ANCHOR_END = "anchor_end" after ["shading", "anchoring"];
+    STEP_REST = "step_rest" after ["pinhole", "harmonics", "adam"];
     STEP_CORE = "step_core" after ["adam"];
+    STEP_APPEARANCE = "step_appearance" after ["shading", "color_model", "adam", "sum"];
     REPORT = "report" after ["sum"];
+    REPORT_TERMS = "report_terms" after ["shading", "sum"];
 }
 
 #[cfg(test)]

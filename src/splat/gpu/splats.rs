@@ -1,13 +1,15 @@
 //! The splats of a training on a device, with the moments of their gradients and the statistics for densification.
 
 use super::device::GpuDevice;
+use crate::splat::anchored::Anchoring;
 use crate::splat::backend::GpuError;
-use crate::splat::densify::DensifyStats;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 
 /// Words of a splat without `f_rest`: `Core` in `wgsl/plan.wgsl`.
 pub const CORE: usize = 16;
+/// Word of `Core` that tells whether the splat is anchored.
+const ANCHORED: usize = 15;
 /// Words of a splat in `f_rest`.
 pub const REST: usize = 45;
 
@@ -76,6 +78,11 @@ impl DeviceSplats {
     /// Writes the splats of a training.
     pub fn write(&self, gpu: &GpuDevice, state: &TrainingState) {
         self.values.write(gpu, &state.splats);
+        let mut core = pack(&state.splats);
+        for Anchoring { splat, .. } in state.anchored.anchorings() {
+            core[*splat as usize * CORE + ANCHORED] = 1.0;
+        }
+        gpu.write_numbers(&self.values.core, &core);
         self.first.write(gpu, &state.adam.first);
         self.second.write(gpu, &state.adam.second);
         let statistics: Vec<u32> =
@@ -93,7 +100,7 @@ impl DeviceSplats {
         self.second.read(gpu, &mut state.adam.second)?;
         let statistics = gpu.read(&self.statistics, 2 * state.splats.len())?;
         let sums = statistics.as_chunks().0.iter().map(|[sum, views]| (f32::from_bits(*sum), *views));
-        state.statistics = DensifyStats::of_sums(sums);
+        state.statistics.set_sums(sums);
         Ok(())
     }
 }

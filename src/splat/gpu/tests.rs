@@ -1,27 +1,27 @@
 //! The device against the processor, on the same inputs. Without a device the tests say that they are skipped, unless
 //! `SATGS_REQUIRE_GPU=1` is set.
 
-use super::arrays::{Arrays, Kernels};
+use super::arrays::REPORT;
 use super::device::GpuDevice;
-use super::frames::Frames;
-use super::photographs::DevicePhotograph;
-use super::photometric::REPORT;
-use super::plan_uniform::{PlanUniform, TrainingNumbers};
+use super::photographs::Photographs;
 use super::sort::{SIZES, Sort, SortKernels, sizes_of};
 use super::splats::{CORE, DeviceSplats, unpack};
+use super::submission::submit;
+use super::views::DeviceViews;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::random::CounterRng;
-use crate::splat::harmonics::coefficients_used;
-use crate::splat::loss::photometric::SSIM_WEIGHT;
+use crate::splat::backend::{DensifyPlan, StepPlan};
 use crate::splat::loss::{LossWeights, SurfaceDepth, TermInputs, terms};
 use crate::splat::pinhole::{EllipsoidObjective, NEAREST, PinholeStep, PinholeView};
-use crate::splat::raster::{Image, MIN_TRANSMITTANCE, TILE};
+use crate::splat::raster::{Image, MIN_TRANSMITTANCE};
+use crate::splat::recipe::NetworkRates;
 use crate::splat::seen_gradient::SeenGradient;
-use crate::splat::splats::{GROUP_INFO, SH_C0, Splats};
+use crate::splat::splats::{GROUP_INFO, PerGroup, SH_C0, Splats};
 use crate::splat::state::TrainingState;
 use crate::splat::stopwatch::Stopwatch;
 use glam::{DMat3, DVec2, DVec3};
+use std::sync::Arc;
 
 /// The first device, or none with a line that says so.
 #[allow(clippy::print_stdout)]
@@ -110,56 +110,79 @@ struct OnDevice {
     statistics: Vec<(f32, u32)>,
 }
 
-/// An iteration whose learning rates are zero.
-fn on_device(gpu: &GpuDevice, splats: &Splats, view: &PinholeView, pairs: u32) -> OnDevice {
-    let state = TrainingState::start(splats.clone(), Default::default(), 0, 0);
-    let splats = &state.splats;
-    let (width, height) = view.camera.size;
-    let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
-    let frames = Frames::new(gpu, (width * height) as u64, tiles as u64).unwrap();
-    let photographs = [DevicePhotograph::new(gpu, view).unwrap()];
-    let on_device = DeviceSplats::new(gpu, splats.len(), !splats.f_rest.is_empty()).unwrap();
-    let arrays = Arrays::new(gpu, &Kernels::new(gpu), (&frames, &photographs), on_device, pairs).unwrap();
-    arrays.splats.write(gpu, &state);
-    arrays.raster.write_count(gpu, splats.len());
-    let values = (3 * width * height) as f64;
-    let plan = PlanUniform {
-        camera: view.camera.kernel(NEAREST),
-        center: view.camera.center.to_array().map(|v| v as f32),
-        size: view.camera.size,
+/// The plan of an iteration whose learning rates are zero.
+pub fn plan(weights: LossWeights) -> StepPlan {
+    StepPlan {
+        iteration: 1,
+        view: 0,
+        level: 0,
+        shadows: false,
+        virtual_shear: None,
         background: BACKGROUND,
-        splats: splats.len(),
-        coefficients: coefficients_used(DEGREE) as u32,
-        pair_capacity: pairs,
-        training: TrainingNumbers {
-            iteration: 1,
-            root_second: 1.0,
-            by_opacity: BY_OPACITY as f32,
-            by_ssim: (-SSIM_WEIGHT / values) as f32,
-            by_l1: ((1.0 - SSIM_WEIGHT) / values) as f32,
-            ..TrainingNumbers::default()
-        },
-    };
+        random_background: BACKGROUND,
+        weights,
+        opacity_divisor: None,
+        sh_degree: DEGREE,
+        surface: SurfaceDepth::Mean,
+        rates: PerGroup::default(),
+        appearance_rate: 0.0,
+        network_rates: NetworkRates::default(),
+        densify: DensifyPlan::default(),
+        crop: None,
+        visibility: None,
+        seed: 0,
+    }
+}
+
+/// Derivatives of all splats, which the view may show, and the report of an iteration whose learning rates are zero; `state` is the one
+/// after it.
+pub struct Step {
+    pub gradient: Splats,
+    pub seen: Vec<bool>,
+    pub report: [u32; REPORT],
+}
+
+/// Runs an iteration with room for so many pairs.
+pub fn step<V: DeviceViews>(
+    gpu: &GpuDevice,
+    views: &mut V,
+    state: &mut TrainingState,
+    plan: &StepPlan,
+    pairs: u32,
+) -> Step {
+    let n = state.splats.len();
+    let on_device = DeviceSplats::new(gpu, n, !state.splats.f_rest.is_empty()).unwrap();
+    let mut arrays = views.arrays(gpu, on_device, pairs).unwrap();
+    V::common(&arrays).splats.write(gpu, state);
+    V::common(&arrays).order.write_count(gpu, n);
+    views.write_state(gpu, &mut arrays, state).unwrap();
+    let uniform = views.uniform(state, plan, 1);
     let report = gpu.staging(REPORT as u64);
-    arrays.submit(gpu, &frames, (&plan, 0), &report);
+    submit(gpu, views, (&arrays, &uniform), &report);
     let report = gpu.read_staging(&report, REPORT).unwrap().try_into().unwrap();
-    let n = splats.len();
-    let core = gpu.read_numbers(&arrays.raster.gradient, n * CORE).unwrap();
+    let common = V::common(&arrays);
+    let core = gpu.read_numbers(&common.order.gradient, n * CORE).unwrap();
     let mut gradient = Splats::zeros(n);
     unpack(&core, &mut gradient);
     gradient.f_dc.iter_mut().for_each(|by| *by = by.map(|v| SH_C0 as f32 * v));
+    common.splats.read(gpu, state).unwrap();
+    views.read_state(gpu, &arrays, state).unwrap();
     // The first moment is a tenth of the gradient.
-    let mut after = state.clone();
-    arrays.splats.read(gpu, &mut after).unwrap();
-    gradient.f_rest = after.adam.first.f_rest.iter().map(|m| m.map(|v| v / (1.0 - 0.9))).collect();
-    let frame = gpu.read_numbers(&frames.frame, 4 * width * height).unwrap();
-    OnDevice {
-        frame: frame.as_chunks().0.to_vec(),
-        gradient,
-        seen: core.as_chunks::<CORE>().0.iter().map(|words| words[7] > 0.0).collect(),
-        report,
-        statistics: after.statistics.sums().collect(),
-    }
+    gradient.f_rest = state.adam.first.f_rest.iter().map(|m| m.map(|v| v / (1.0 - 0.9))).collect();
+    let seen = core.as_chunks::<CORE>().0.iter().map(|words| words[7] > 0.0).collect();
+    Step { gradient, seen, report }
+}
+
+/// An iteration on a photograph.
+fn on_device(gpu: &GpuDevice, splats: &Splats, view: &PinholeView, pairs: u32) -> OnDevice {
+    let mut state = TrainingState::start(splats.clone(), Default::default(), 0, 0);
+    let mut views = Photographs::new(gpu, Arc::new(vec![view.clone()])).unwrap();
+    let plan = plan(LossWeights::of(&[("opacity_sum", BY_OPACITY)]).unwrap());
+    let Step { gradient, seen, report } = step(gpu, &mut views, &mut state, &plan, pairs);
+    let (width, height) = view.camera.size;
+    let frame = gpu.read_numbers(views.frame(), 4 * width * height).unwrap();
+    let statistics = state.statistics.sums().collect();
+    OnDevice { frame: frame.as_chunks().0.to_vec(), gradient, seen, report, statistics }
 }
 
 /// The same on the processor: the render, the derivatives of all splats, which the view may show, and the loss.

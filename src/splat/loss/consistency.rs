@@ -16,7 +16,7 @@ pub const INFO: TermInfo = TermInfo {
     columns: &["consistency_altitude_m", "consistency_color"],
 };
 /// Two pixels show the same surface if their altitudes differ by less than this, metres (EOGS).
-const SAME_SURFACE_M: f64 = 0.30;
+pub const SAME_SURFACE_M: f64 = 0.30;
 
 /// The term; keeps its buffers between calls.
 #[derive(Default)]

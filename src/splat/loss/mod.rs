@@ -24,7 +24,7 @@ mod term_set;
 mod terms;
 mod weights;
 
-pub use prior::Prior;
+pub use prior::{Prior, PriorCells};
 pub use prior_targets::PriorTargets;
 pub use term::{ByView, DiscView, LossTerm, Rendered, SurfaceDepth, TermInfo};
 pub use term_set::{Losses, Parts, TermSet};

@@ -17,6 +17,19 @@ pub struct Prior {
     cells: Vec<[f32; 2]>,
 }
 
+/// The cells of a [`Prior`].
+#[derive(Clone, Copy, Debug)]
+pub struct PriorCells<'a> {
+    /// North-western corner of the grid, site metres east and north.
+    pub corner: [f64; 2],
+    /// Side of a cell, metres.
+    pub cell_m: f64,
+    /// Columns and rows.
+    pub size: (usize, usize),
+    /// Altitude (metres) and weight of each cell, row by row.
+    pub cells: &'a [[f32; 2]],
+}
+
 impl Prior {
     /// Scale of the robust loss, metres: splats much further from the surface are hardly pulled.
     pub const SCALE_M: f64 = 1.0;
@@ -29,6 +42,13 @@ impl Prior {
         let cells = altitude.data.iter().zip(&prior_weight.data).map(|(z, weight)| [*z, *weight]).collect();
         let (origin, corner) = ([site.origin.x(), site.origin.y()], [grid.west, grid.north]);
         Self { origin, corner, cell_m: grid.cell, width: grid.width, height: grid.height, cells }
+    }
+
+    /// The cells.
+    #[must_use]
+    pub fn cells(&self) -> PriorCells<'_> {
+        let corner = [0, 1].map(|k| self.corner[k] - self.origin[k]);
+        PriorCells { corner, cell_m: self.cell_m, size: (self.width, self.height), cells: &self.cells }
     }
 
     /// Signed vertical distances from the surface in units of [`Prior::SCALE_M`], and the weights, at positions in the site frame

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// One weight, and one column: the mean entropy in bits.
 pub const INFO: TermInfo = TermInfo { weights: &["shadow_entropy"], columns: &["shadow_entropy"] };
 /// Inside the logarithms the share of sunlight is clamped to this distance from 0 and 1 (EOGS).
-const CLIP: f64 = 0.05;
+pub const CLIP: f64 = 0.05;
 
 /// The term; keeps its buffers between calls.
 #[derive(Default)]

@@ -21,7 +21,7 @@ impl TargetImage {
     /// that resolution. A pixel is the mean of the linear values of the valid pixels that it covers.
     pub fn load(&mut self, view: &TrainingView, level: usize) -> ViewCamera {
         let side = 1 << level;
-        let (width, height) = (view.width / side, view.height / side);
+        let (camera, (width, height)) = camera_at(view, level);
         self.colors.resize(width, height, 3);
         self.valid.resize(width * height, false);
         let rows = self.colors.data.par_chunks_mut(3 * width).zip(self.valid.par_chunks_mut(width));
@@ -34,8 +34,16 @@ impl TargetImage {
                 [red[col], green[col], blue[col]] = mean.unwrap_or_default();
             }
         });
-        if level == 0 { view.camera } else { view.camera.rescaled(1.0 / side as f64) }
+        camera
     }
+}
+
+/// The camera of a view at a resolution level, and its columns and rows there.
+#[must_use]
+pub fn camera_at(view: &TrainingView, level: usize) -> (ViewCamera, (usize, usize)) {
+    let side = 1 << level;
+    let camera = if level == 0 { view.camera } else { view.camera.rescaled(1.0 / f64::from(side)) };
+    (camera, (view.width >> level, view.height >> level))
 }
 
 #[cfg(test)]

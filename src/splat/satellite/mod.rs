@@ -5,10 +5,12 @@
 
 mod novel_view;
 mod objective;
+mod step_cameras;
 mod test_time;
 mod views;
 
 pub use novel_view::{NovelView, Picture};
 pub use objective::{Gradient, SatelliteObjective, SatelliteStep};
+pub use step_cameras::StepCameras;
 pub use test_time::fit_view;
 pub use views::{SatelliteScene, SatelliteViews};

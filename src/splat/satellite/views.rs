@@ -2,6 +2,7 @@
 
 use super::novel_view::{NovelView, Picture};
 use super::objective::{Gradient, SatelliteObjective, SatelliteStep};
+use super::step_cameras::StepCameras;
 use crate::affine::TrainingView;
 use crate::nn::adam::AdamRule;
 use crate::splat::appearance::satgs::Cube;
@@ -10,7 +11,6 @@ use crate::splat::backend::{BackendError, StepPlan, ViewModel};
 use crate::splat::loss::target::TargetImage;
 use crate::splat::loss::{Losses, TermInputs, terms};
 use crate::splat::raster::FrameCamera;
-use crate::splat::sheared_camera::{ShearedCamera, SunView};
 use crate::splat::state::TrainingState;
 use crate::splat::stopwatch::Stopwatch;
 use crate::splat::visibility::{PatchVisibility, VisibilityModel};
@@ -87,13 +87,10 @@ impl ViewModel for SatelliteViews {
     ) -> Result<Losses, BackendError> {
         let Self { scene, objective, gradient, target } = self;
         let view = &scene.views[plan.view];
-        let scale = 0.5f64.powi(plan.level as i32);
-        let camera = target.load(view, plan.level);
+        let cameras @ StepCameras { camera, size, sun, virtual_view } =
+            StepCameras::new(view, plan, scene.altitudes);
+        target.load(view, plan.level);
         watch.lap("view", "image");
-        let size = (target.colors.width, target.colors.height);
-        let half_sides = [0.5 * size.0 as f64, 0.5 * size.1 as f64];
-        let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
-        let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
         let TrainingState { splats, adam, appearances, shared, visibility, statistics, anchored, .. } = state;
         let mask = match (&mut scene.visibility, plan.visibility) {
             (Some(model), Some(share)) => model.mask(visibility, plan.view, size, share)?,
@@ -105,8 +102,8 @@ impl ViewModel for SatelliteViews {
             crop: plan.crop,
             target: &target.colors,
             valid: &target.valid,
-            sun: sun.map(|s| SunView::new(&camera, size, s, scene.altitudes)),
-            virtual_view: virtual_shear.map(|s| ShearedCamera::virtual_view(&camera, size, s)),
+            sun,
+            virtual_view,
             background: plan.background,
             floor: scene.altitudes.0 as f32,
             anchored: anchored.anchorings(),
@@ -117,11 +114,12 @@ impl ViewModel for SatelliteViews {
         let weights = plan.weights.scaled(&["opacity"], share);
         let losses = objective.evaluate(splats, parameters, &input, &weights, gradient, watch);
 
-        let to_half_sides = half_sides.map(|h| h as f32);
+        let to_half_sides = cameras.half_sides().map(|h| h as f32);
         let in_half_sides = |i: usize| {
             objective.mean2d_gradient(i).map(|g| [g[0] * to_half_sides[0], g[1] * to_half_sides[1]])
         };
-        statistics.add_view(in_half_sides, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
+        let (pixels_per_m, longer_side) = cameras.scale();
+        statistics.add_view(in_half_sides, pixels_per_m, longer_side);
         watch.lap("splats", "statistics");
 
         appearance_adam.step(

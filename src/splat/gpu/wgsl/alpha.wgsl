@@ -8,13 +8,12 @@ struct Staged {
     /// The conic times -log2(e) / 2, its middle element twice.
     exponent: vec3<f32>,
     slot: u32,
-    color: vec3<f32>,
-    unused: f32,
+    features: Features,
 }
 
 fn staged(image: Projected, splat: u32, slot: u32) -> Staged {
     let exponent = -0.5 * LOG2_E * vec3(image.conic.x, 2.0 * image.conic.y, image.conic.z);
-    return Staged(image.mean, image.log2_opacity, splat, exponent, slot, image.color, 0.0);
+    return Staged(image.mean, image.log2_opacity, splat, exponent, slot, features_of(image));
 }
 
 /// Alpha before it is clamped to `ALPHA_MAX`; 0 below the cut-off.

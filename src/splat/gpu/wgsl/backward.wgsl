@@ -9,29 +9,28 @@
 @group(0) @binding(3) var<storage, read> splats: array<u32>;
 @group(0) @binding(4) var<storage, read> projected: array<Projected>;
 @group(0) @binding(5) var<storage, read> frame: array<vec4<f32>>;
-/// Derivatives of the loss by red, green and blue, plane by plane.
+/// Derivatives of the loss by the features, plane by plane.
 @group(0) @binding(6) var<storage, read> by_pixel: array<f32>;
 /// `SLOT` numbers of each pair: moments 1, x, xx, y, xy, yy of alpha times the derivative by alpha about the splat's centre, then the
-/// derivatives by the colour.
+/// derivatives by the features.
 @group(0) @binding(7) var<storage, read_write> sums: array<f32>;
 
-/// Number of splats that are staged together, and of those whose sums are computed together.
-const STAGED: u32 = 64u;
+/// Number of splats whose sums are computed together.
 const TOGETHER: u32 = 4u;
-/// Sums over a row of pixels: moments 1, x, xx, and the derivatives by the colour.
-const ROW_SUMS: u32 = 6u;
+/// Sums over a row of pixels: moments 1, x, xx, and the derivatives by the features.
+const ROW_SUMS: u32 = 3u + FEATURES;
 
 var<workgroup> batch: array<Staged, STAGED>;
 var<workgroup> range: TileRange;
 /// Of each splat and pixel: weight, and alpha times the derivative by alpha.
 var<workgroup> steps: array<vec2<f32>, TOGETHER * GROUP>;
-var<workgroup> by_color: array<f32, 3u * GROUP>;
+var<workgroup> by_features: array<f32, FEATURES * GROUP>;
 var<workgroup> row_sums: array<f32, TOGETHER * TILE * ROW_SUMS>;
 
 /// Sums of a splat over a row of pixels.
 fn sum_row(k: u32, splat: u32, row: u32, first_column: f32) {
     var sum = vec3(0.0);
-    var color = vec3(0.0);
+    var features = Features();
     let middle = batch[splat].mean.x - first_column;
     // Each row begins at another column, so that lanes do not wait for one bank of memory.
     for (var turn = 0u; turn < TILE; turn++) {
@@ -40,24 +39,30 @@ fn sum_row(k: u32, splat: u32, row: u32, first_column: f32) {
         let own = steps[k * GROUP + pixel];
         let x = f32(column) - middle;
         sum += own.y * vec3(1.0, x, x * x);
-        color += own.x * vec3(by_color[pixel], by_color[GROUP + pixel], by_color[2u * GROUP + pixel]);
+        for (var f = 0u; f < FEATURES; f++) {
+            features[f] += own.x * by_features[f * GROUP + pixel];
+        }
     }
     let at = (k * TILE + row) * ROW_SUMS;
     row_sums[at] = sum.x;
     row_sums[at + 1u] = sum.y;
     row_sums[at + 2u] = sum.z;
-    row_sums[at + 3u] = color.x;
-    row_sums[at + 4u] = color.y;
-    row_sums[at + 5u] = color.z;
+    for (var f = 0u; f < FEATURES; f++) {
+        row_sums[at + 3u + f] = features[f];
+    }
 }
 
 /// One of the numbers of a slot, from the sums over rows.
 fn sum_rows(k: u32, splat: u32, number: u32, first_row: f32) -> f32 {
-    // Which sum over a row, and which power of y.
-    var sources = array<u32, SLOT>(0u, 1u, 2u, 0u, 1u, 0u, 3u, 4u, 5u);
-    var powers = array<u32, SLOT>(0u, 0u, 0u, 1u, 1u, 2u, 0u, 0u, 0u);
-    let source = sources[number];
-    let power = powers[number];
+    // Which sum over a row, and which power of y: the features follow the six moments.
+    var sources = array<u32, 6>(0u, 1u, 2u, 0u, 1u, 0u);
+    var powers = array<u32, 6>(0u, 0u, 0u, 1u, 1u, 2u);
+    var source = number - 3u;
+    var power = 0u;
+    if number < 6u {
+        source = sources[number];
+        power = powers[number];
+    }
     let middle = batch[splat].mean.y - first_row;
     var sum = 0.0;
     for (var row = 0u; row < TILE; row++) {
@@ -83,19 +88,21 @@ fn main(
     let is_inside = all(pixel < plan.size);
     let place = vec2<f32>(pixel);
     var transmittance = 0.0;
-    var by = vec3(0.0);
-    // What the splats behind and the background contribute to the product of colour and derivatives.
+    var by = Features();
+    // What the splats behind and the background contribute to the product of features and derivatives.
     var remaining = 0.0;
     if is_inside {
         let i = pixel.y * plan.size.x + pixel.x;
         let pixels = plan.size.x * plan.size.y;
-        by = vec3(by_pixel[i], by_pixel[pixels + i], by_pixel[2u * pixels + i]);
-        remaining = dot(by, frame[i].rgb);
+        for (var f = 0u; f < FEATURES; f++) {
+            by[f] = by_pixel[f * pixels + i];
+        }
+        remaining = dot(by, features_at(frame[i]));
         transmittance = 1.0;
     }
-    by_color[lane] = by.x;
-    by_color[GROUP + lane] = by.y;
-    by_color[2u * GROUP + lane] = by.z;
+    for (var f = 0u; f < FEATURES; f++) {
+        by_features[f * GROUP + lane] = by[f];
+    }
     let end = list.start + list.useful;
     for (var start = list.start; start < end; start += STAGED) {
         let count = min(STAGED, end - start);
@@ -114,7 +121,7 @@ fn main(
                     let unclamped = alpha_at(batch[first + k], place);
                     let alpha = min(unclamped, ALPHA_MAX);
                     let weight = transmittance * alpha;
-                    let contribution = weight * dot(batch[first + k].color, by);
+                    let contribution = weight * dot(batch[first + k].features, by);
                     transmittance *= 1.0 - alpha;
                     remaining -= contribution;
                     // Where alpha is clamped it does not depend on the splat.

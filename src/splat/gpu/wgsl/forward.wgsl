@@ -6,7 +6,7 @@
 @group(0) @binding(2) var<storage, read> slots: array<u32>;
 @group(0) @binding(3) var<storage, read> splats: array<u32>;
 @group(0) @binding(4) var<storage, read> projected: array<Projected>;
-/// Colour and transmittance of each pixel.
+/// Each pixel: `pixel_of`.
 @group(0) @binding(5) var<storage, read_write> frame: array<vec4<f32>>;
 
 var<workgroup> batch: array<Staged, GROUP>;
@@ -32,7 +32,7 @@ fn main(
     let is_inside = all(pixel < plan.size);
     let place = vec2<f32>(pixel);
     var transmittance = select(0.0, 1.0, is_inside);
-    var color = vec3(0.0);
+    var features = Features();
     var needed = 0u;
     for (var start = list.start; start < list.end; start += GROUP) {
         if lane == 0u {
@@ -59,7 +59,7 @@ fn main(
         let count = min(GROUP, list.end - start);
         for (var k = 0u; k < count && transmittance >= MIN_TRANSMITTANCE; k++) {
             let alpha = min(alpha_at(batch[k], place), ALPHA_MAX);
-            color += transmittance * alpha * batch[k].color;
+            features += transmittance * alpha * batch[k].features;
             transmittance *= 1.0 - alpha;
             needed = start + k + 1u - list.start;
         }
@@ -71,6 +71,6 @@ fn main(
         ranges[tile].useful = atomicLoad(&useful);
     }
     if is_inside {
-        frame[pixel.y * plan.size.x + pixel.x] = vec4(color + transmittance * plan.background, transmittance);
+        frame[pixel.y * plan.size.x + pixel.x] = pixel_of(features + transmittance * features_behind(), transmittance);
     }
 }

@@ -11,21 +11,6 @@
 /// Of each splat: the sum over views of the norm of the derivative by its 2-D mean, per half image side; the number of views (as bits).
 @group(0) @binding(7) var<storage, read_write> statistics: array<vec2<f32>>;
 
-/// Derivatives by the camera coordinates, from those by the 2-D mean and the rows of the Jacobian.
-fn by_camera(c: vec3<f32>, by_mean: vec2<f32>, by_jacobian: array<vec3<f32>, 2>) -> vec3<f32> {
-    let inverse = 1.0 / max(c.z, plan.nearest);
-    let scale = plan.focal * inverse;
-    let ratio = c.xy * inverse;
-    let limited = clamp(ratio, plan.limits.xz, plan.limits.yw);
-    let slope = select(vec2(0.0), vec2(1.0), limited == ratio);
-    let by_own = vec2(dot(plan.right.xyz, by_jacobian[0]), dot(plan.down.xyz, by_jacobian[1]));
-    let by_forward = vec2(dot(plan.forward.xyz, by_jacobian[0]), dot(plan.forward.xyz, by_jacobian[1]));
-    let by_limited = -scale * by_forward * slope;
-    let by_scale = by_own - limited * by_forward;
-    let by_depth = -scale * ratio * by_mean - (by_limited * ratio + by_scale * scale) * inverse;
-    return vec3(scale * by_mean + by_limited * inverse, by_depth.x + by_depth.y);
-}
-
 /// Derivatives by a quaternion from those by the rows of its rotation.
 fn by_quaternion(q: vec4<f32>, m: array<vec3<f32>, 3>) -> vec4<f32> {
     let w = q.x;
@@ -67,7 +52,7 @@ fn gather(i: u32) -> Core {
         }
     }
     out.opacity_logit = (sums[0] + plan.by_opacity * opacity) * (1.0 - opacity);
-    out.seen = f32(image.seen);
+    out.seen = select(0.0, 1.0, is_seen(image.depth));
     if image.tiles == 0u {
         return out;
     }
@@ -76,16 +61,15 @@ fn gather(i: u32) -> Core {
     let by_mean = conic * vec2(sums[1], sums[3]);
     // The derivative by the 2-D covariance.
     let g = 0.5 * (conic * mat2x2(sums[2], sums[4], sums[4], sums[5]) * conic);
-    let c = camera_from_site(splat.position);
-    let j = jacobian(c);
+    let j = jacobian(splat.position);
     let rows = rotation_rows(splat.rotation);
     let variance = exp(2.0 * splat.log_scale);
     let s = covariance(rows, variance);
     // The 2-D covariance is J S Jᵀ: the derivative by J is 2 G J S, that by S is Jᵀ G J.
     let gj = array(g[0].x * j[0] + g[0].y * j[1], g[0].y * j[0] + g[1].y * j[1]);
     let by_jacobian = array(2.0 * times_covariance(gj[0], s), 2.0 * times_covariance(gj[1], s));
-    let of_camera = by_camera(c, by_mean, by_jacobian);
-    out.position = plan.right.xyz * of_camera.x + plan.down.xyz * of_camera.y + plan.forward.xyz * of_camera.z;
+    out.position = by_position(splat.position, by_mean, by_jacobian);
+    out.position.z += by_altitude(sums);
     // With M = R diag(scale), S is M Mᵀ: the derivative by R is 2 Jᵀ G J R diag(variance).
     var by_rows: array<vec3<f32>, 3>;
     let columns = transpose(mat3x3(rows[0], rows[1], rows[2]));
@@ -100,13 +84,15 @@ fn gather(i: u32) -> Core {
     }
     out.rotation = by_quaternion(splat.rotation, by_rows);
     // Colours that are clamped at zero have no derivative.
-    out.f_dc = select(vec3(0.0), vec3(sums[6], sums[7], sums[8]), image.color > vec3(0.0));
+    out.f_dc = select(vec3(0.0), vec3(sums[6], sums[7], sums[8]), is_shown(image.color));
     if plan.coefficients > 0u {
         out.position += by_direction(i, splat.position, out.f_dc);
     }
-    let norm = length(by_mean * 0.5 * vec2<f32>(plan.size));
-    let seen = statistics[i];
-    statistics[i] = vec2(seen.x + norm, bitcast<f32>(bitcast<u32>(seen.y) + 1u));
+    if plan.adds_gradient == 0u {
+        let norm = length(by_mean * 0.5 * vec2<f32>(plan.size));
+        let seen = statistics[i];
+        statistics[i] = vec2(seen.x + norm, bitcast<f32>(bitcast<u32>(seen.y) + 1u));
+    }
     return out;
 }
 
@@ -117,7 +103,12 @@ fn main(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * GROUP + lane;
-    if i < plan.splats && status[0] == 0u {
-        gradient[i] = gather(i);
+    if i >= plan.splats || status[0] != 0u {
+        return;
     }
+    var by = gather(i);
+    if plan.adds_gradient != 0u {
+        by = core_sum(by, gradient[i]);
+    }
+    gradient[i] = by;
 }

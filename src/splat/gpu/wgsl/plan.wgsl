@@ -1,41 +1,34 @@
 // What all kernels of an iteration share: its uniform, and the records that they exchange.
 
-/// The camera, the sizes and the rates of one iteration; `PlanUniform` in Rust writes it.
+/// The camera, the sizes and the rates of one render in an iteration; `PlanUniform` in Rust writes it.
 struct Plan {
-    /// Rows of the rotation from site to camera axes (right, down, forward), each with a translation.
-    right: vec4<f32>,
-    down: vec4<f32>,
-    forward: vec4<f32>,
-    focal: vec2<f32>,
-    principal: vec2<f32>,
-    /// Lowest and highest x / z, then y / z, at which the Jacobian is evaluated.
-    limits: vec4<f32>,
-    /// The camera's centre.
-    center: vec3<f32>,
-    /// Depth up to which nothing is drawn.
-    nearest: f32,
-    background: vec3<f32>,
-    /// Derivative of the loss by the opacity of each splat.
-    by_opacity: f32,
+    /// `Camera` in `pinhole.wgsl` or `parallel.wgsl`.
+    camera: array<vec4<f32>, 6>,
+    /// What is behind the splats: a colour, and in parallel projections an altitude.
+    background: vec4<f32>,
     /// Corrected learning rates of Adam: position, opacity, scale, rotation.
     rates: vec4<f32>,
     /// The same of f_dc and f_rest.
     color_rates: vec2<f32>,
     /// Square root of the correction of the second moments.
     root_second: f32,
+    /// Derivative of the loss by the opacity of each splat.
+    by_opacity: f32,
     /// Derivative of the loss by the sum of SSIM, and by the sum of absolute differences.
     by_ssim: f32,
     by_l1: f32,
     /// Number of harmonic coefficients of a channel in use, above degree 0.
     coefficients: u32,
     splats: u32,
-    iteration: u32,
     /// Columns and rows of the image.
     size: vec2<u32>,
     /// Columns and rows of tiles.
     tiles: vec2<u32>,
     /// Number of pairs of splats and tiles for which there is room.
     pair_capacity: u32,
+    iteration: u32,
+    /// Whether another render of the iteration has begun the gradient; it alone counts in the statistics for densification.
+    adds_gradient: u32,
 }
 
 /// The parameters of a splat but for f_rest; also their moments and derivatives.
@@ -48,7 +41,19 @@ struct Core {
     rotation: vec4<f32>,
     /// Of derivatives: by the colour, not by f_dc.
     f_dc: vec3<f32>,
-    unused: f32,
+    /// Of parameters: 1 if the splat is anchored to another. Unused otherwise.
+    anchored: f32,
+}
+
+/// The sum of two records, with what is no number of the first.
+fn core_sum(a: Core, b: Core) -> Core {
+    var out = a;
+    out.position += b.position;
+    out.opacity_logit += b.opacity_logit;
+    out.log_scale += b.log_scale;
+    out.rotation += b.rotation;
+    out.f_dc += b.f_dc;
+    return out;
 }
 
 /// The image of a splat.
@@ -69,8 +74,8 @@ struct Projected {
     tiles: u32,
     /// Slot of the first of them.
     first_slot: u32,
-    /// Whether the camera may show the splat (`SeenSplats`).
-    seen: u32,
+    /// What splats are ordered by: `depth_of` in `pinhole.wgsl` or `parallel.wgsl`.
+    depth: f32,
 }
 
 /// The number of a workgroup: there are at most 65,535 in a dimension, so that long rows are folded.

@@ -1,4 +1,4 @@
-// Projects the splats of a photograph: ellipses, colours, depth keys (src/splat/raster/project.rs, src/splat/pinhole/seen.rs).
+// Projects the splats: ellipses, colours, depth keys (src/splat/raster/project.rs).
 
 @group(0) @binding(0) var<uniform> plan: Plan;
 @group(0) @binding(1) var<storage, read> core: array<Core>;
@@ -9,16 +9,9 @@
 /// The sum of the opacities of each workgroup.
 @group(0) @binding(6) var<storage, read_write> opacity_sums: array<f32>;
 
-var<workgroup> sums: array<f32, GROUP>;
+alias Summed = f32;
 
-/// Key of splats that are not drawn: they come last.
-const BEHIND: u32 = 0xffffffffu;
-
-/// Whether an image with these margins may show a point.
-fn is_within(point: vec2<f32>, margin: f32) -> bool {
-    let size = vec2<f32>(plan.size);
-    return all(point + margin >= vec2(0.0)) && all(point - margin <= size);
-}
+var<workgroup> sums: array<Summed, GROUP>;
 
 fn color_of(i: u32, f_dc: vec3<f32>, position: vec3<f32>) -> vec3<f32> {
     var color = f_dc * SH_C0 + 0.5;
@@ -29,29 +22,18 @@ fn color_of(i: u32, f_dc: vec3<f32>, position: vec3<f32>) -> vec3<f32> {
             color += functions[k] * vec3(rest[at], rest[at + 15u], rest[at + 30u]);
         }
     }
-    return max(color, vec3(0.0));
+    return shown(color);
 }
 
 fn project(i: u32, splat: Core, opacity: f32) -> Projected {
     var out = Projected();
-    let c = camera_from_site(splat.position);
-    let is_in_front = is_finite(c.z) && c.z > plan.nearest;
-    if !is_in_front || !(splat.opacity_logit >= LEAST_LOGIT) {
+    out.depth = depth_of(splat);
+    if !is_seen(out.depth) {
         return out;
     }
-    let inverse = 1.0 / c.z;
-    let ratio = c.xy * inverse;
-    let mean = plan.focal * ratio + plan.principal;
-    let largest = max(max(splat.log_scale.x, splat.log_scale.y), splat.log_scale.z);
-    let px_per_m = max(plan.focal.x, plan.focal.y) * inverse * sqrt(1.0 + dot(ratio, ratio));
-    let may_show = is_within(mean, LEAST_REACH_PX)
-        || is_within(mean, LEAST_REACH_PX + REACH * px_per_m * exp(largest));
-    if !may_show {
-        return out;
-    }
-    out.seen = 1u;
+    let mean = image_of(splat.position);
     let s = covariance(rotation_rows(splat.rotation), exp(2.0 * splat.log_scale));
-    let j = jacobian(c);
+    let j = jacobian(splat.position);
     let by_right = times_covariance(j[0], s);
     let by_down = times_covariance(j[1], s);
     let xx = dot(by_right, j[0]) + LOW_PASS_PX2;
@@ -67,7 +49,7 @@ fn project(i: u32, splat: Core, opacity: f32) -> Projected {
     out.rightmost_dy = xy / xx * out.half_width;
     let is_sound = is_finite(mean.x) && is_finite(mean.y) && is_finite(out.half_width) && is_finite(out.half_height)
         && is_finite(out.conic.x) && is_finite(out.conic.y) && is_finite(out.conic.z);
-    if !is_sound || opacity <= ALPHA_CUT || out.radius2 <= 0.0 || out.conic.x <= 0.0 || out.conic.z <= 0.0 {
+    if !is_sound || !(opacity > ALPHA_CUT) || out.radius2 <= 0.0 || out.conic.x <= 0.0 || out.conic.z <= 0.0 {
         return out;
     }
     out.color = color_of(i, splat.f_dc, splat.position);
@@ -89,7 +71,7 @@ fn main(
         opacity = 1.0 / (1.0 + exp(-splat.opacity_logit));
         let image = project(i, splat, opacity);
         projected[i] = image;
-        keys[i] = select(BEHIND, bitcast<u32>(camera_from_site(splat.position).z), image.tiles > 0u);
+        keys[i] = depth_key(image);
         indices[i] = i;
     }
     let sum = sum_of_lanes(lane, opacity);

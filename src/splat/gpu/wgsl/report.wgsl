@@ -16,7 +16,9 @@ struct Report {
     l1: f32,
 }
 
-var<workgroup> sums: array<f32, GROUP>;
+alias Summed = f32;
+
+var<workgroup> sums: array<Summed, GROUP>;
 
 @compute @workgroup_size(GROUP)
 fn main(@builtin(local_invocation_index) lane: u32) {

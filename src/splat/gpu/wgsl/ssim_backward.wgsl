@@ -3,7 +3,6 @@
 
 @group(0) @binding(0) var<uniform> plan: Plan;
 @group(0) @binding(1) var<storage, read> frame: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> photograph: array<u32>;
 @group(0) @binding(3) var<storage, read> by_moments: array<f32>;
 /// Plane by plane.
 @group(0) @binding(4) var<storage, read_write> by_pixel: array<f32>;
@@ -12,7 +11,19 @@
 
 var<workgroup> halo: array<f32, 3u * HALO_PIXELS>;
 var<workgroup> along_rows: array<f32, 3u * HALO_ROW_PIXELS>;
-var<workgroup> sums: array<f32, GROUP>;
+alias Summed = f32;
+
+var<workgroup> sums: array<Summed, GROUP>;
+
+alias Blurred = f32;
+
+fn halo_value(at: u32) -> Blurred {
+    return halo[at];
+}
+
+fn row_value(at: u32) -> Blurred {
+    return along_rows[at];
+}
 
 @compute @workgroup_size(16, 16)
 fn main(
@@ -35,14 +46,7 @@ fn main(
     }
     workgroupBarrier();
     for (var k = lane; k < 3u * HALO_ROW_PIXELS; k += GROUP) {
-        let first = k / TILE * HALO + k % TILE;
-        var sum = WINDOW_5 * halo[first + 5u];
-        sum += WINDOW_0 * (halo[first] + halo[first + 10u]);
-        sum += WINDOW_1 * (halo[first + 1u] + halo[first + 9u]);
-        sum += WINDOW_2 * (halo[first + 2u] + halo[first + 8u]);
-        sum += WINDOW_3 * (halo[first + 3u] + halo[first + 7u]);
-        sum += WINDOW_4 * (halo[first + 4u] + halo[first + 6u]);
-        along_rows[k] = sum;
+        along_rows[k] = blurred_along(k / TILE * HALO + k % TILE);
     }
     workgroupBarrier();
     let pixel = group.xy * TILE + at.xy;
@@ -50,19 +54,13 @@ fn main(
     if all(pixel < plan.size) {
         var by: array<f32, 3>;
         for (var n = 0u; n < 3u; n++) {
-            let first = n * HALO_ROW_PIXELS + at.y * TILE + at.x;
-            by[n] = WINDOW_5 * along_rows[first + 5u * TILE];
-            by[n] += WINDOW_0 * (along_rows[first] + along_rows[first + 10u * TILE]);
-            by[n] += WINDOW_1 * (along_rows[first + TILE] + along_rows[first + 9u * TILE]);
-            by[n] += WINDOW_2 * (along_rows[first + 2u * TILE] + along_rows[first + 8u * TILE]);
-            by[n] += WINDOW_3 * (along_rows[first + 3u * TILE] + along_rows[first + 7u * TILE]);
-            by[n] += WINDOW_4 * (along_rows[first + 4u * TILE] + along_rows[first + 6u * TILE]);
+            by[n] = blurred_down(n * HALO_ROW_PIXELS + at.y * TILE + at.x);
         }
         let i = pixel.y * plan.size.x + pixel.x;
         var by_color = 0.0;
-        if photograph[i] != NO_DATA {
+        if has_target(i) {
             let x = frame[i][channel];
-            let y = target_of(photograph[i], channel);
+            let y = target_of(i, channel);
             difference = x - y;
             by_color = by[0] + 2.0 * x * by[1] + y * by[2] + plan.by_l1 * sign(difference);
         }

@@ -3,7 +3,6 @@
 
 @group(0) @binding(0) var<uniform> plan: Plan;
 @group(0) @binding(1) var<storage, read> frame: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> photograph: array<u32>;
 /// Three planes of each channel.
 @group(0) @binding(3) var<storage, read_write> by_moments: array<f32>;
 /// The sum of SSIM over each workgroup.
@@ -11,12 +10,20 @@
 
 var<workgroup> halo: array<vec2<f32>, HALO_PIXELS>;
 var<workgroup> along_rows: array<vec4<f32>, HALO_ROW_PIXELS>;
-var<workgroup> sums: array<f32, GROUP>;
+alias Summed = f32;
+
+var<workgroup> sums: array<Summed, GROUP>;
 
 /// Moments of a pixel: x, y, xx + yy, xy.
-fn moments(at: u32) -> vec4<f32> {
+alias Blurred = vec4<f32>;
+
+fn halo_value(at: u32) -> Blurred {
     let v = halo[at];
     return vec4(v, dot(v, v), v.x * v.y);
+}
+
+fn row_value(at: u32) -> Blurred {
+    return along_rows[at];
 }
 
 @compute @workgroup_size(16, 16)
@@ -33,34 +40,21 @@ fn main(
         var value = vec2(0.0);
         if all(pixel >= vec2(0)) && all(pixel < size) {
             let i = u32(pixel.y * size.x + pixel.x);
-            if photograph[i] != NO_DATA {
-                value = vec2(frame[i][channel], target_of(photograph[i], channel));
+            if has_target(i) {
+                value = vec2(frame[i][channel], target_of(i, channel));
             }
         }
         halo[k] = value;
     }
     workgroupBarrier();
     for (var k = lane; k < HALO_ROW_PIXELS; k += GROUP) {
-        let first = k / TILE * HALO + k % TILE;
-        var sum = WINDOW_5 * moments(first + 5u);
-        sum += WINDOW_0 * (moments(first) + moments(first + 10u));
-        sum += WINDOW_1 * (moments(first + 1u) + moments(first + 9u));
-        sum += WINDOW_2 * (moments(first + 2u) + moments(first + 8u));
-        sum += WINDOW_3 * (moments(first + 3u) + moments(first + 7u));
-        sum += WINDOW_4 * (moments(first + 4u) + moments(first + 6u));
-        along_rows[k] = sum;
+        along_rows[k] = blurred_along(k / TILE * HALO + k % TILE);
     }
     workgroupBarrier();
     let pixel = group.xy * TILE + at.xy;
     var ssim = 0.0;
     if all(pixel < plan.size) {
-        let first = at.y * TILE + at.x;
-        var blurred = WINDOW_5 * along_rows[first + 5u * TILE];
-        blurred += WINDOW_0 * (along_rows[first] + along_rows[first + 10u * TILE]);
-        blurred += WINDOW_1 * (along_rows[first + TILE] + along_rows[first + 9u * TILE]);
-        blurred += WINDOW_2 * (along_rows[first + 2u * TILE] + along_rows[first + 8u * TILE]);
-        blurred += WINDOW_3 * (along_rows[first + 3u * TILE] + along_rows[first + 7u * TILE]);
-        blurred += WINDOW_4 * (along_rows[first + 4u * TILE] + along_rows[first + 6u * TILE]);
+        let blurred = blurred_down(at.y * TILE + at.x);
         let ux = blurred.x;
         let uy = blurred.y;
         let means = ux * ux + uy * uy;

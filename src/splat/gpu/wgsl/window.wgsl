@@ -1,12 +1,28 @@
-// The window of SSIM (src/splat/loss/photometric.rs) and the pixels that it covers: a tile with a border of `RADIUS` pixels.
+// The window of SSIM (src/splat/loss/photometric.rs), and the pixels that it covers: a tile with a border of `RADIUS` pixels. A kernel
+// declares what it blurs: the type `Blurred`, `halo_value`, which is one of the halo, and `row_value`, one of the halo's rows that were
+// blurred along themselves.
 
 const HALO: u32 = TILE + 2u * RADIUS;
 const HALO_PIXELS: u32 = HALO * HALO;
 const HALO_ROW_PIXELS: u32 = HALO * TILE;
+const TAPS: u32 = 2u * RADIUS + 1u;
 
-/// The colour of a photograph's pixel on the background, and whether it has data: red, green, blue, opacity in a byte each.
-fn target_of(packed: u32, channel: u32) -> f32 {
-    let value = f32((packed >> (8u * channel)) & 0xffu) / 255.0;
-    let opacity = f32(packed >> 24u) / 255.0;
-    return value + (1.0 - opacity) * plan.background[channel];
+/// Blurs along a row of the halo, from the value on that is the first under the window.
+fn blurred_along(first: u32) -> Blurred {
+    var window = WINDOW;
+    var sum = Blurred();
+    for (var t = 0u; t < TAPS; t++) {
+        sum += window[t] * halo_value(first + t);
+    }
+    return sum;
+}
+
+/// Blurs down a column, from the row value on that is the first under the window.
+fn blurred_down(first: u32) -> Blurred {
+    var window = WINDOW;
+    var sum = Blurred();
+    for (var t = 0u; t < TAPS; t++) {
+        sum += window[t] * row_value(first + t * TILE);
+    }
+    return sum;
 }

@@ -1,23 +1,4 @@
-// The pinhole camera (src/perspective/kernel.rs), rotations and harmonics: what projection and its gradient share.
-
-fn camera_from_site(p: vec3<f32>) -> vec3<f32> {
-    return vec3(
-        dot(plan.right.xyz, p) + plan.right.w,
-        dot(plan.down.xyz, p) + plan.down.w,
-        dot(plan.forward.xyz, p) + plan.forward.w,
-    );
-}
-
-/// The rows of the 2x3 Jacobian of the projection at camera coordinates `c`.
-fn jacobian(c: vec3<f32>) -> array<vec3<f32>, 2> {
-    let inverse = 1.0 / max(c.z, plan.nearest);
-    let limited = clamp(c.xy * inverse, plan.limits.xz, plan.limits.yw);
-    let scale = plan.focal * inverse;
-    return array(
-        scale.x * (plan.right.xyz - limited.x * plan.forward.xyz),
-        scale.y * (plan.down.xyz - limited.y * plan.forward.xyz),
-    );
-}
+// Rotations and covariances of splats (src/splat/raster/covariance.rs): what projection and its gradient share.
 
 /// The reciprocal of the squared length of a quaternion.
 fn inverse_length2(q: vec4<f32>) -> f32 {
@@ -53,11 +34,4 @@ fn times_covariance(v: vec3<f32>, s: array<vec3<f32>, 2>) -> vec3<f32> {
         v.x * s[0].y + v.y * s[1].x + v.z * s[1].y,
         v.x * s[0].z + v.y * s[1].y + v.z * s[1].z,
     );
-}
-
-/// The direction from the camera's centre to a splat, and the reciprocal of its distance.
-fn direction_to(position: vec3<f32>) -> vec4<f32> {
-    let d = position - plan.center;
-    let inverse = 1.0 / sqrt(max(dot(d, d), 1e-24));
-    return vec4(d * inverse, inverse);
 }
