@@ -117,11 +117,11 @@ pub fn open_gpu(choice: DeviceChoice) -> Result<crate::splat::gpu::GpuDevice, Ba
 #[cfg(all(test, feature = "gpu"))]
 mod tests {
     use crate::estimate::TILES_OF_SPLAT;
-    use crate::splat::gpu::{DeviceViews, Photographs, Satellites};
+    use crate::splat::gpu::{DevicePhotographs, DeviceSatellites, DeviceViews};
 
     #[test]
     fn memory_is_planned_for_the_room_that_trainings_begin_with() {
-        let room = [Photographs::PAIRS_OF_SPLAT, Satellites::PAIRS_OF_SPLAT];
+        let room = [DevicePhotographs::PAIRS_OF_SPLAT, DeviceSatellites::PAIRS_OF_SPLAT];
         assert_eq!(TILES_OF_SPLAT.map(u64::from), room);
     }
 }

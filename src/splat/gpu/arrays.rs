@@ -3,7 +3,7 @@
 use super::device::GpuDevice;
 use super::frames::LossArrays;
 use super::kernel::{Bound, Dispatch, Kernel};
-use super::raster::Order;
+use super::raster::SortedOrder;
 use super::shader;
 use super::sort::groups_for;
 use super::splats::DeviceSplats;
@@ -38,7 +38,7 @@ pub struct Common {
     /// The splats.
     pub splats: DeviceSplats,
     /// Their order, and their gradient.
-    pub order: Order,
+    pub order: SortedOrder,
     /// Room for so many pairs of splats and tiles in each render.
     pub pair_capacity: u32,
     /// What the host reads of an iteration.
@@ -54,11 +54,11 @@ impl Common {
         gpu: &GpuDevice,
         kernels: &CommonKernels,
         (plan, losses): (&wgpu::Buffer, &LossArrays),
-        (order, splats): (Order, DeviceSplats),
+        (order, splats): (SortedOrder, DeviceSplats),
         pair_capacity: u32,
     ) -> Result<Self, GpuError> {
         let DeviceSplats { values, first, second, .. } = &splats;
-        let Order { status, gradient, opacity_sums, .. } = &order;
+        let SortedOrder { status, gradient, opacity_sums, .. } = &order;
         let LossArrays { ssim_sums, l1_sums, .. } = losses;
         let rest = [plan, gradient, status, &values.core, &values.rest, &first.rest, &second.rest];
         let core = [plan, gradient, status, &values.core, &first.core, &second.core];

@@ -8,8 +8,8 @@
 
 use super::arrays::REPORT;
 use super::device::GpuDevice;
-use super::photographs::Photographs;
-use super::satellites::Satellites;
+use super::photographs::DevicePhotographs;
+use super::satellites::DeviceSatellites;
 use super::splats::DeviceSplats;
 use super::submission::{Measured, measure, submit};
 use super::views::{DeviceViews, Sums};
@@ -52,18 +52,18 @@ struct Pending<U> {
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
 
-impl GpuBackend<Photographs> {
+impl GpuBackend<DevicePhotographs> {
     /// A training on these photographs that starts from this state.
     ///
     /// # Errors
     /// [`GpuError`] if the device has too little memory.
     pub fn new(gpu: GpuDevice, views: Arc<Vec<PinholeView>>, state: TrainingState) -> Result<Self, GpuError> {
-        let views = Photographs::new(&gpu, views)?;
+        let views = DevicePhotographs::new(&gpu, views)?;
         Self::with_room(gpu, views, state, None)
     }
 }
 
-impl GpuBackend<Satellites> {
+impl GpuBackend<DeviceSatellites> {
     /// A training of this satellite scene that starts from this state, whose colour models are those of EOGS.
     ///
     /// # Errors
@@ -77,7 +77,7 @@ impl GpuBackend<Satellites> {
         if found != expected {
             return Err(BackendError::OtherAppearances { found, expected });
         }
-        let views = Satellites::new(&gpu, scene)?;
+        let views = DeviceSatellites::new(&gpu, scene)?;
         Ok(Self::with_room(gpu, views, state, None)?)
     }
 }

@@ -1,7 +1,7 @@
 //! Whole trainings on a device, beside those of the processor.
 
 use super::backend::GpuBackend;
-use super::photographs::Photographs;
+use super::photographs::DevicePhotographs;
 use super::tests::{camera, device, scene};
 use crate::io::Grid2;
 use crate::progress::NoProgress;
@@ -146,7 +146,7 @@ fn the_same_seed_gives_the_same_bytes_also_when_lists_turn_out_too_long_and_afte
     let trained = |pairs: Option<u32>, stop: Option<u32>| {
         let mut log = Vec::new();
         let gpu = device().unwrap();
-        let photographs = Photographs::new(&gpu, views.clone()).unwrap();
+        let photographs = DevicePhotographs::new(&gpu, views.clone()).unwrap();
         let mut backend = GpuBackend::with_room(gpu, photographs, start(), pairs).unwrap();
         if let Some(stop) = stop {
             run(&mut backend, &recipe, stop, &mut log);

@@ -1,7 +1,7 @@
 //! Training on a GPU of any vendor, by way of wgpu: Vulkan, Metal and DX12.
 //!
-//! Whole iterations run on the device: projection, order, tile lists, compositing, loss, gradient and optimiser. [`Photographs`] and
-//! [`Satellites`] say of which kernels an iteration consists. Kernels are WGSL files, one each, in `wgsl/`; the constants that they share
+//! Whole iterations run on the device: projection, order, tile lists, compositing, loss, gradient and optimiser. [`DevicePhotographs`] and
+//! [`DeviceSatellites`] say of which kernels an iteration consists. Kernels are WGSL files, one each, in `wgsl/`; the constants that they share
 //! with the processor's code come from there. No sum of floating-point numbers is atomic, so that the same device, driver and seed give
 //! the same bytes.
 
@@ -36,7 +36,7 @@ mod tests;
 
 pub use backend::GpuBackend;
 pub use device::{DeviceInfo, DeviceKind, GpuDevice, devices};
-pub use photographs::Photographs;
-pub use satellites::Satellites;
+pub use photographs::DevicePhotographs;
+pub use satellites::DeviceSatellites;
 pub use submission::Measured;
 pub use views::DeviceViews;

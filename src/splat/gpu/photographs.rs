@@ -8,7 +8,7 @@ use super::frames::{Extent, ImageArrays, LossArrays};
 use super::kernel::Dispatch;
 use super::photometric::{Photometric, PhotometricKernels};
 use super::plan_uniform::{PlanUniform, pinhole};
-use super::raster::{Order, Raster, RasterKernels};
+use super::raster::{Raster, RasterKernels, SortedOrder};
 use super::splats::DeviceSplats;
 use super::views::{DeviceViews, Sums, training_numbers};
 use crate::perspective::PinholeCamera;
@@ -20,7 +20,7 @@ use crate::splat::state::TrainingState;
 use std::sync::Arc;
 
 /// The photographs of a scene.
-pub struct Photographs {
+pub struct DevicePhotographs {
     views: Arc<Vec<PinholeView>>,
     photographs: Vec<DevicePhotograph>,
     image: ImageArrays,
@@ -77,7 +77,7 @@ fn pack(([red, green, blue], opacity): ([u8; 3], u8)) -> u32 {
     if word == NO_DATA { word - 1 } else { word }
 }
 
-impl Photographs {
+impl DevicePhotographs {
     /// Copies the photographs to the device.
     ///
     /// # Errors
@@ -105,7 +105,7 @@ impl Photographs {
     }
 }
 
-impl DeviceViews for Photographs {
+impl DeviceViews for DevicePhotographs {
     type Viewpoint = PinholeCamera;
     type Picture = PinholePicture;
     type Arrays = PhotographArrays;
@@ -128,7 +128,7 @@ impl DeviceViews for Photographs {
         pairs: u32,
     ) -> Result<PhotographArrays, GpuError> {
         let Self { kernels, image, losses, .. } = self;
-        let order = Order::new(gpu, &kernels.raster, splats.capacity)?;
+        let order = SortedOrder::new(gpu, &kernels.raster, splats.capacity)?;
         let raster = Raster::new(gpu, &kernels.raster, (&order, image), &splats, pairs)?;
         let of_photograph = |p: &DevicePhotograph| {
             let images = [&image.frame, &p.pixels, &image.by_pixel];

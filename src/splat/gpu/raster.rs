@@ -73,7 +73,7 @@ impl RasterKernels {
 }
 
 /// What all cameras of an iteration share: the order of the splats, and the sum of their gradients.
-pub struct Order {
+pub struct SortedOrder {
     /// The halted iteration, or 0, and the number of pairs that it needs.
     pub status: wgpu::Buffer,
     /// Sums of the splats' opacities over workgroups.
@@ -84,7 +84,7 @@ pub struct Order {
     depth_sort: Sort,
 }
 
-impl Order {
+impl SortedOrder {
     /// Room for so many splats.
     pub fn new(gpu: &GpuDevice, kernels: &RasterKernels, capacity: usize) -> Result<Self, GpuError> {
         let n = capacity as u64;
@@ -141,11 +141,11 @@ impl Raster {
     pub fn new(
         gpu: &GpuDevice,
         kernels: &RasterKernels,
-        (order, image): (&Order, &ImageArrays),
+        (order, image): (&SortedOrder, &ImageArrays),
         splats: &DeviceSplats,
         pair_capacity: u32,
     ) -> Result<Self, GpuError> {
-        let Order { status, opacity_sums, gradient, splat_sizes, depth_sort } = order;
+        let SortedOrder { status, opacity_sums, gradient, splat_sizes, depth_sort } = order;
         let (core, rest, statistics) = (&splats.values.core, &splats.values.rest, &splats.statistics);
         let (n, pairs) = (splats.capacity as u64, u64::from(pair_capacity));
         let plan = gpu.uniform("plan", super::plan_uniform::WORDS as u64)?;
@@ -204,7 +204,7 @@ impl Raster {
         Ok(gpu.read(&self.pair_sizes, 1)?.first().copied().unwrap_or(0))
     }
 
-    /// Adds the projection, which is before [`Order::sort`].
+    /// Adds the projection, which is before [`SortedOrder::sort`].
     pub fn project<'a>(&'a self, list: &mut Vec<Dispatch<'a>>, plan: &PlanUniform) {
         list.push(self.project.on(groups_for(plan.splats as u64)));
     }

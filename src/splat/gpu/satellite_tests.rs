@@ -2,7 +2,7 @@
 //! as it was, the first moments after one iteration are a tenth of the gradient on both.
 
 use super::backend::GpuBackend;
-use super::satellites::Satellites;
+use super::satellites::DeviceSatellites;
 use super::submission::submit;
 use super::tests::{device, plan};
 use super::views::DeviceViews;
@@ -167,7 +167,7 @@ fn on_processor(views: &Arc<Vec<TrainingView>>, state: TrainingState) -> CpuBack
     CpuBackend::new(SatelliteViews::new(scene(views), &state), state).unwrap()
 }
 
-fn on_device(views: &Arc<Vec<TrainingView>>, state: TrainingState) -> GpuBackend<Satellites> {
+fn on_device(views: &Arc<Vec<TrainingView>>, state: TrainingState) -> GpuBackend<DeviceSatellites> {
     GpuBackend::of_satellites(device().unwrap(), scene(views), state).unwrap()
 }
 
@@ -340,7 +340,7 @@ fn the_same_seed_gives_the_same_satellite_scene_also_with_little_room_and_after_
     let (views, recipe) = (views(SIDES[1]), recipe("best", 60, 12));
     let trained = |pairs: Option<u32>, stop: Option<u32>| {
         let (gpu, mut log) = (device().unwrap(), Vec::new());
-        let satellites = Satellites::new(&gpu, scene(&views)).unwrap();
+        let satellites = DeviceSatellites::new(&gpu, scene(&views)).unwrap();
         let mut backend = GpuBackend::with_room(gpu, satellites, state(), pairs).unwrap();
         if let Some(stop) = stop {
             run(&mut backend, &recipe, stop, &mut log);
@@ -392,7 +392,7 @@ fn values_that_are_not_finite_reach_no_other_splat_of_a_satellite_scene() {
     broken.anchored = Default::default();
     let plan =
         StepPlan { shadows: true, virtual_shear: Some([0.01, 0.01]), weights: weights(), ..plan(weights()) };
-    let mut satellites = Satellites::new(&gpu, scene(&views)).unwrap();
+    let mut satellites = DeviceSatellites::new(&gpu, scene(&views)).unwrap();
     let step = super::tests::step(&gpu, &mut satellites, &mut broken, &plan, 100_000);
     let sound = (0..step.gradient.len()).filter(|i| !sick.contains(i));
     assert!(sound.clone().all(|i| step.gradient.position[i].iter().all(|v| v.is_finite())));
@@ -409,7 +409,7 @@ fn scenes_without_splats_train() {
     let mut nothing = TrainingState::start(Splats::default(), AppearanceKind::Affine, VIEWS, 0);
     let plan =
         StepPlan { shadows: true, virtual_shear: Some([0.01, 0.01]), weights: weights(), ..plan(weights()) };
-    let mut satellites = Satellites::new(&gpu, scene(&views)).unwrap();
+    let mut satellites = DeviceSatellites::new(&gpu, scene(&views)).unwrap();
     let arrays =
         satellites.arrays(&gpu, super::splats::DeviceSplats::new(&gpu, 0, false).unwrap(), 1).unwrap();
     let uniform = satellites.uniform(&mut nothing, &plan, 1);

@@ -9,7 +9,7 @@ use super::frames::{Extent, ImageArrays, LossArrays};
 use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::photometric::{Photometric, PhotometricKernels};
 use super::plan_uniform::{PlanUniform, TrainingNumbers, parallel};
-use super::raster::{Order, Raster, RasterKernels};
+use super::raster::{Raster, RasterKernels, SortedOrder};
 use super::satellite_image::SatelliteImage;
 use super::shader;
 use super::shading_uniform::ShadingUniform;
@@ -27,7 +27,7 @@ use crate::splat::state::TrainingState;
 use std::sync::Arc;
 
 /// The views of a satellite scene.
-pub struct Satellites {
+pub struct DeviceSatellites {
     scene: SatelliteScene,
     prior: Option<(Arc<Prior>, wgpu::Buffer)>,
     images: Vec<SatelliteImage>,
@@ -127,7 +127,7 @@ impl PixelArrays {
     }
 }
 
-impl Satellites {
+impl DeviceSatellites {
     /// Copies the images to the device.
     ///
     /// # Errors
@@ -219,7 +219,7 @@ impl Satellites {
     }
 }
 
-impl DeviceViews for Satellites {
+impl DeviceViews for DeviceSatellites {
     type Viewpoint = NovelView;
     type Picture = Picture;
     type Arrays = SatelliteArrays;
@@ -237,7 +237,7 @@ impl DeviceViews for Satellites {
 
     fn arrays(&self, gpu: &GpuDevice, splats: DeviceSplats, pairs: u32) -> Result<SatelliteArrays, GpuError> {
         let Self { kernels, losses, pixels, .. } = self;
-        let order = Order::new(gpu, &kernels.raster, splats.capacity)?;
+        let order = SortedOrder::new(gpu, &kernels.raster, splats.capacity)?;
         let raster = |image: &ImageArrays| Raster::new(gpu, &kernels.raster, (&order, image), &splats, pairs);
         let [view, sun, virtual_view] = [&self.view, &self.sun, &self.virtual_view].map(raster);
         let (view, sun, virtual_view) = (view?, sun?, virtual_view?);

@@ -3,7 +3,7 @@
 
 use super::arrays::REPORT;
 use super::device::GpuDevice;
-use super::photographs::Photographs;
+use super::photographs::DevicePhotographs;
 use super::sort::{SIZES, Sort, SortKernels, sizes_of};
 use super::splats::{CORE, DeviceSplats, unpack};
 use super::submission::submit;
@@ -176,7 +176,7 @@ pub fn step<V: DeviceViews>(
 /// An iteration on a photograph.
 fn on_device(gpu: &GpuDevice, splats: &Splats, view: &PinholeView, pairs: u32) -> OnDevice {
     let mut state = TrainingState::start(splats.clone(), Default::default(), 0, 0);
-    let mut views = Photographs::new(gpu, Arc::new(vec![view.clone()])).unwrap();
+    let mut views = DevicePhotographs::new(gpu, Arc::new(vec![view.clone()])).unwrap();
     let plan = plan(LossWeights::of(&[("opacity_sum", BY_OPACITY)]).unwrap());
     let Step { gradient, seen, report } = step(gpu, &mut views, &mut state, &plan, pairs);
     let (width, height) = view.camera.size;
