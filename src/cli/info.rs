@@ -3,7 +3,7 @@
 use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
 use super::{CliError, Ui, device_info, perspective_info, splat_info};
-use crate::estimate::{BEST_CONVERGENCE_DEG, Imaging, best_convergence_deg, measured_cores};
+use crate::estimate::{BEST_CONVERGENCE_DEG, Imaging, best_convergence_deg};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::mvs::DSM_CELL_M;
 use crate::progress::{Event, Progress};
@@ -353,7 +353,7 @@ fn expectation(scene: &Scene, of_views: &[Row], pairs: &Pairs, o: &Overlap) -> S
     let tiles = columns * rows;
     let cost = imaging.cost(&recipe, (tiles, [width, height]), high_m - low_m, DSM_CELL_M);
     let tiles = if tiles > 1 { "; the area is cut into tiles, of which `satgs plan` tells more" } else { "" };
-    format!("{}{tiles}\n", imaging.text(cost, measured_cores()))
+    format!("{}{tiles}\n", imaging.text(cost, rayon::current_num_threads()))
 }
 
 fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {

@@ -107,10 +107,9 @@ impl Imaging {
         }
     }
 
-    /// The error, time with so many cores of the model's machine ([`measured_cores`](super::measured_cores)), and memory to
-    /// expect, as a sentence.
+    /// The error, time with a number of threads, and memory to expect, as a sentence.
     #[must_use]
-    pub fn text(&self, cost: Cost, cores: f64) -> String {
+    pub fn text(&self, cost: Cost, threads: usize) -> String {
         let (Expectation { error_m, is_measured }, views) = (self.expectation(), self.views);
         let error = if is_measured {
             format!(
@@ -123,11 +122,11 @@ impl Imaging {
                 self.convergence_deg
             )
         };
-        let (minutes, gigabytes) = (cost.core_seconds / cores / 60.0, cost.memory_mb / 1e3);
+        let (minutes, gigabytes) = (cost.core_seconds / threads.max(1) as f64 / 60.0, cost.memory_mb / 1e3);
         let time =
             if minutes < 1.0 { "less than a minute".into() } else { format!("about {minutes:.0} minutes") };
         let mut out = format!(
-            "expected of recipe `best` with {views} views: {error}; {time} on this machine, {gigabytes:.1} GB of memory"
+            "expected of recipe `best` with {views} views: {error}; {time} with {threads} threads, {gigabytes:.1} GB of memory"
         );
         if views <= FEW_VIEWS {
             out += "; what no two views show is filled in and has 0 views in confidence.tif";

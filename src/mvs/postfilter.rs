@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn noise_of_a_slope_is_reduced_and_a_ridge_and_a_small_step_stay() {
         let slope = |col: usize, row: usize| 0.2 * col as f32 - 0.1 * row as f32;
-        let noise = |col: usize, row: usize| 0.1 * (((col * 7 + row * 13) % 11) as f32 / 5.0 - 1.0);
+        let noise = |col: usize, row: usize| 0.06 * (((col * 7 + row * 13) % 11) as f32 / 5.0 - 1.0);
         let rms = |surface: &Grid2| {
             let inside = (4..36).flat_map(|row| (4..36).map(move |col| (col, row)));
             (inside.map(|(c, r)| (surface.at(c, r) - slope(c, r)).powi(2)).sum::<f32>() / 1024.0).sqrt()

@@ -12,7 +12,7 @@ use super::appearance::{self, OtherNetworks};
 use super::device;
 use super::training::Training;
 use crate::affine::{SiteSceneError, median_pixel_m};
-use crate::estimate::{Imaging, measured_cores};
+use crate::estimate::Imaging;
 use crate::mvs::DSM_CELL_M;
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
@@ -151,7 +151,7 @@ fn tell_expectation(training: &Training, progress: &dyn Progress) {
     let ((west, south, east, north), (low, high)) = (setup.area, setup.altitudes);
     let whole = (1, [east - west, north - south]);
     let cost = imaging.cost(&training.recipe, whole, high - low, DSM_CELL_M);
-    progress.event(Event::Note(imaging.text(cost, measured_cores())));
+    progress.event(Event::Note(imaging.text(cost, rayon::current_num_threads())));
 }
 
 /// What a training is made from; its keys are the names of options on the command line.
