@@ -31,11 +31,7 @@ const KNOWN: [Known; 4] = [
         // Not taken again since the planes and limits after the second matching changed; the test prints them.
         hashes: &[],
     },
-    Known {
-        recipe: "growing",
-        figures: [433.0, 152205.0, 157.263],
-        hashes: &[],
-    },
+    Known { recipe: "growing", figures: [433.0, 152205.0, 157.263], hashes: &[] },
     Known {
         recipe: "baeogs",
         figures: [433.0, 7672.0, 143.620],
