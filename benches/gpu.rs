@@ -10,7 +10,7 @@ use satgs::io::Grid2;
 use satgs::perspective::PinholeCamera;
 use satgs::random::CounterRng;
 use satgs::splat::backend::{DensifyPlan, StepPlan, TrainingBackend, Wait};
-use satgs::splat::gpu::{GpuBackend, GpuDevice, Measured, Photographs};
+use satgs::splat::gpu::{DevicePhotographs, GpuBackend, GpuDevice, Measured};
 use satgs::splat::loss::{LossWeights, SurfaceDepth};
 use satgs::splat::pinhole::PinholeView;
 use satgs::splat::recipe::NetworkRates;
@@ -105,7 +105,7 @@ fn measure(number: Option<usize>, n: usize, size: (usize, usize)) -> Result<(), 
     let state = TrainingState::start(splats(n), Default::default(), 0, 0);
     let mut backend = GpuBackend::new(gpu, Arc::new(vec![view(size)]), state)?;
     let mut reports = Vec::new();
-    let mut run = |backend: &mut GpuBackend<Photographs>, iterations| {
+    let mut run = |backend: &mut GpuBackend<DevicePhotographs>, iterations| {
         let started = Instant::now();
         (1..=iterations).try_for_each(|i| backend.submit(&plan(i)))?;
         backend.reports(Wait::ForAll, &mut reports)?;
