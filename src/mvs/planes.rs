@@ -229,7 +229,8 @@ fn patches(cells: &[Cell], cell_m: f64) -> Vec<Patch> {
 /// The plane of least squares of the cells that lie on the plane on which most of the weight of these cells lies, if that is at
 /// least so much.
 fn fitted(cells: &[&Cell], least: f64, cell_m: f64) -> Option<Plane> {
-    if cells.iter().map(|c| c.weight).sum::<f64>() < least || cells.is_empty() {
+    let all: f64 = cells.iter().map(|c| c.weight).sum();
+    if cells.is_empty() || all < least {
         return None;
     }
     let looked_at = || cells.iter().step_by(cells.len().div_ceil(MOST_CELLS));
@@ -248,8 +249,7 @@ fn fitted(cells: &[&Cell], least: f64, cell_m: f64) -> Option<Plane> {
     let trials: Vec<_> = (0..TRIALS).into_par_iter().filter_map(trial).collect();
     let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
     let (on_it, _, plane) = best?;
-    let (seen, all) =
-        (looked_at().map(|c| c.weight).sum::<f64>(), cells.iter().map(|c| c.weight).sum::<f64>());
+    let seen: f64 = looked_at().map(|c| c.weight).sum();
     let held: Vec<&Cell> = cells.iter().copied().filter(|c| plane.holds(c)).collect();
     (on_it * all >= least * seen).then(|| least_squares(&held, plane.is_level()).unwrap_or(plane))
 }

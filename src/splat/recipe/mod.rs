@@ -167,6 +167,16 @@ pub trait OfScene: Clone {
     /// The options with the kind that they are of.
     fn kind(self) -> RecipeKind;
 
+    /// Those of satellite scenes; none of other scenes.
+    fn satellite(&self) -> Option<&SatelliteRecipe> {
+        None
+    }
+
+    /// Those of perspective scenes; none of other scenes.
+    fn perspective(&self) -> Option<&PerspectiveRecipe> {
+        None
+    }
+
     /// Whether so few training views need fewer iterations, of a recipe that adds splats or does not.
     fn are_few(&self, views: usize, adds_splats: bool) -> bool;
 
@@ -182,6 +192,10 @@ impl OfScene for SatelliteRecipe {
 
     fn kind(self) -> RecipeKind {
         RecipeKind::Satellite(self)
+    }
+
+    fn satellite(&self) -> Option<&SatelliteRecipe> {
+        Some(self)
     }
 
     fn are_few(&self, views: usize, _: bool) -> bool {
@@ -212,6 +226,10 @@ impl OfScene for PerspectiveRecipe {
         RecipeKind::Perspective(self)
     }
 
+    fn perspective(&self) -> Option<&PerspectiveRecipe> {
+        Some(self)
+    }
+
     fn are_few(&self, _: usize, adds_splats: bool) -> bool {
         !adds_splats
     }
@@ -234,6 +252,14 @@ impl OfScene for RecipeKind {
 
     fn kind(self) -> RecipeKind {
         self
+    }
+
+    fn satellite(&self) -> Option<&SatelliteRecipe> {
+        if let Self::Satellite(satellite) = self { Some(satellite) } else { None }
+    }
+
+    fn perspective(&self) -> Option<&PerspectiveRecipe> {
+        if let Self::Perspective(perspective) = self { Some(perspective) } else { None }
     }
 
     fn are_few(&self, views: usize, adds_splats: bool) -> bool {
@@ -338,27 +364,19 @@ fn always() -> u32 {
     1
 }
 
-impl Recipe {
+impl<K: OfScene> Recipe<K> {
     /// What only recipes of satellite scenes have; none of other recipes.
     #[must_use]
     pub fn satellite(&self) -> Option<&SatelliteRecipe> {
-        match &self.kind {
-            RecipeKind::Satellite(satellite) => Some(satellite),
-            RecipeKind::Perspective(_) => None,
-        }
+        self.kind.satellite()
     }
 
     /// What only recipes of perspective scenes have; none of other recipes.
     #[must_use]
     pub fn perspective(&self) -> Option<&PerspectiveRecipe> {
-        match &self.kind {
-            RecipeKind::Satellite(_) => None,
-            RecipeKind::Perspective(perspective) => Some(perspective),
-        }
+        self.kind.perspective()
     }
-}
 
-impl<K: OfScene> Recipe<K> {
     /// The recipe for this number of training views: at most 500 iterations for each view, if it initialises the splats on the
     /// matched surface and the views are few, and, of photographs, if it adds no splats: it learns few views by heart.
     #[must_use]
@@ -412,7 +430,7 @@ impl<K: OfScene> Recipe<K> {
             |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
         let densification =
             self.densification.map(|g| Densification { from: scale(g.from), until: scale(g.until), ..g });
-        let is_photographed = matches!(self.kind.clone().kind(), RecipeKind::Perspective(_));
+        let is_photographed = self.perspective().is_some();
         let reset = self.reset.map(|r| OpacityReset {
             every: if is_photographed { r.every } else { scale(r.every).max(1) },
             opacity_loss_pause: scale(r.opacity_loss_pause),
