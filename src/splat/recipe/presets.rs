@@ -3,7 +3,7 @@
 
 use super::{
     ActiveGrowth, Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight,
-    Recipe, SatelliteRecipe, Start, StartPoints, always, white, widest_half_resolution_px_m,
+    Recipe, SatelliteRecipe, Start, StartPoints, always, kept, white, widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
@@ -99,6 +99,7 @@ fn baeogs() -> Recipe<SatelliteRecipe> {
             appearance: AppearanceKind::Affine,
             appearance_rate: 0.01,
             network_rates: None,
+            last_rates: kept(),
             opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
@@ -181,6 +182,7 @@ fn satgs_colors() -> Recipe<SatelliteRecipe> {
             appearance: AppearanceKind::SatGs,
             appearance_rate: 1e-3,
             network_rates: Some(NetworkRates { tables: 1e-2, tone: 5e-4, shadow: 5e-4 }),
+            last_rates: 0.01,
             shadows_from: 0,
             virtual_every: always(),
             uncertainty: Some(UncertaintyRecipe {
@@ -251,7 +253,8 @@ fn three_d_gaussians() -> Recipe<PerspectiveRecipe> {
     }
 }
 
-/// Huang et al., 2D Gaussian Splatting for Geometrically Accurate Radiance Fields, 2024, with the values of the authors' program.
+/// Huang et al., 2D Gaussian Splatting for Geometrically Accurate Radiance Fields, 2024, with the values of the authors' program,
+/// from points that cover plain walls too: discs that start far from a surface do not find it as ellipsoids do.
 fn two_d_gaussians() -> Recipe<PerspectiveRecipe> {
     let volumes = three_d_gaussians();
     Recipe {
@@ -259,7 +262,12 @@ fn two_d_gaussians() -> Recipe<PerspectiveRecipe> {
         primitive: PrimitiveKind::Disc,
         weights: weights(volumes.weights, &[("normal_consistency", 0.05)]),
         prune_below: 0.05,
-        kind: PerspectiveRecipe { normals_from: 7000, distortion_from: 3000, ..volumes.kind },
+        kind: PerspectiveRecipe {
+            normals_from: 7000,
+            distortion_from: 3000,
+            start_points: StartPoints::Patches,
+            ..volumes.kind
+        },
         ..volumes
     }
 }
@@ -285,7 +293,6 @@ fn indoor() -> Recipe<PerspectiveRecipe> {
         reset: None,
         kind: PerspectiveRecipe {
             priors_from: 7000,
-            start_points: StartPoints::Patches,
             last_opacity_sum: Some(1e-9),
             ..discs.kind
         },
