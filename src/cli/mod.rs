@@ -46,10 +46,10 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 pub use ui::{StageSummary, Ui};
 
-/// Make a digital surface model, an orthophoto, corrected cameras and a Gaussian-splat model from a few satellite images
-/// with RPC cameras.
+/// Make a digital surface model, an orthophoto, corrected cameras and a Gaussian-splat model from satellite images with RPC
+/// cameras; a Gaussian-splat model and a mesh from photographs with known poses.
 ///
-/// `satgs run SCENE -o RUN` does everything; the other commands are its stages and tools around them.
+/// `satgs run SCENE -o RUN` runs all stages; the other commands are single stages, and tools.
 #[derive(Parser)]
 #[command(
     name = "satgs",
@@ -80,7 +80,7 @@ pub struct Common {
     /// Print the summary as one JSON object on standard output
     #[arg(long, global = true, help_heading = FOR_ALL)]
     json: bool,
-    /// Print every progress event as one JSON object a line on standard output, and the summary as the last one
+    /// Print each progress event as a line of JSON on standard output, and the summary as the last line
     #[arg(long, global = true, conflicts_with = "json", help_heading = FOR_ALL, hide_short_help = true)]
     events: bool,
     /// Print more: stages and timings (-v), details (-vv)
@@ -89,10 +89,10 @@ pub struct Common {
     /// Print errors only
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = FOR_ALL)]
     quiet: bool,
-    /// Number of threads [default: one for each core of the processor]; results do not depend on it
+    /// Number of threads, on which results do not depend [default: number of processor cores]
     #[arg(long, global = true, help_heading = FOR_ALL, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Print the usual options (-h), or all with details (--help)
+    /// Print the common options (-h), or all options with details (--help)
     #[arg(short, long, global = true, action = clap::ArgAction::Help, help_heading = FOR_ALL)]
     help: Option<bool>,
 }
@@ -102,6 +102,7 @@ enum Command {
     // In the order of the help, as in README.md.
     Info(info::Args),
     Run(Box<run::Args>),
+    #[command(mut_arg("scene", scene_args::of_satellites))]
     Ba(ba::Args),
     Train(train::Args),
     Dsm(dsm::Args),
@@ -116,6 +117,7 @@ enum Command {
     Mesh(mesh::Args),
     MeshEval(mesh_eval::Args),
     Export(export::Args),
+    #[command(mut_arg("scene", scene_args::of_satellites))]
     Plan(Box<plan::Args>),
     Tile(tile::Args),
     Mosaic(mosaic::Args),
