@@ -16,7 +16,7 @@
 //! Depths that were aligned with points of the scene are correlated, too: a part of their remaining errors is one of scale and shift.
 
 use super::normal_consistency::OPACITY_OFFSET;
-use super::term::{ByView, LossTerm, Rendered, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::io::Grid2;
 use crate::prior::DepthKind;
@@ -25,8 +25,11 @@ use crate::splat::raster::{Image, Scaled, channel, disc_plane};
 use rayon::prelude::*;
 
 /// Weights and columns of the two parts.
-pub const INFO: TermInfo =
-    TermInfo { weights: &["depth_prior", "depth_smoothness"], columns: &["depth_prior", "depth_smoothness"] };
+pub const INFO: TermInfo = TermInfo {
+    weights: &["depth_prior", "depth_smoothness"],
+    columns: &["depth_prior", "depth_smoothness"],
+    scope: TermScope::Photographs,
+};
 /// Pixels with a smaller opacity are not compared.
 pub(super) const LEAST_OPACITY: f64 = 0.5;
 /// Depths of neighbouring pixels that differ by more than this share belong to two surfaces.
