@@ -38,6 +38,7 @@ mod train;
 mod view;
 
 pub use called::{arguments, call, read_scene};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
 pub use perspective_args::PerspectiveArgs;
@@ -209,6 +210,17 @@ fn run(command: &Command, ui: &Ui) -> Result<(), CliError> {
 fn parse_metres(text: &str) -> Result<f64, String> {
     let metres = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
     metres.ok_or_else(|| "expected metres, a number above 0".to_owned())
+}
+
+/// Accepts the names of values, which the help lists with what they are.
+fn named<T: Copy + Send + Sync + 'static>(
+    all: &'static [(T, &'static str, &'static str)],
+) -> impl TypedValueParser<Value = T> {
+    let names = all.iter().map(|(_, name, what)| PossibleValue::new(*name).help(*what));
+    PossibleValuesParser::new(names).try_map(move |given| {
+        let found = all.iter().find(|(_, name, _)| *name == given);
+        found.map(|(value, ..)| *value).ok_or_else(|| format!("`{given}` is none of the values"))
+    })
 }
 
 /// A summary as JSON.

@@ -1,7 +1,6 @@
 //! `satgs prior`: maps of depths or normals of all images of a perspective scene.
 
 use super::perspective_args::ImageArgs;
-use super::train::PriorKind;
 use super::{CliError, Ui};
 use crate::pipeline::{PriorMapOptions, PriorMapSummary, prior_maps};
 use crate::prior::{DepthKind, PriorCommand, PriorContent, PriorMaker};
@@ -47,8 +46,8 @@ pub struct Args {
     #[arg(long)]
     normals: bool,
     /// What the values of depth maps are, for prior.json [default: training estimates it from the points of the scene]
-    #[arg(long, value_name = "KIND", conflicts_with = "normals")]
-    kind: Option<PriorKind>,
+    #[arg(long, value_name = "KIND", value_parser = super::named(&DepthKind::STATED), conflicts_with = "normals")]
+    kind: Option<DepthKind>,
     /// Make all maps again. By default maps from another network or command are an error
     #[arg(long)]
     overwrite: bool,
@@ -80,7 +79,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let options = PriorMapOptions {
         scene: args.images.options(),
         content: if args.normals { PriorContent::Normals } else { PriorContent::Depths },
-        kind: args.kind.map(DepthKind::from),
+        kind: args.kind,
         overwrite: args.overwrite,
     };
     let summary = prior_maps(&args.scene, &maker, &args.output, &options, ui)?;

@@ -1,6 +1,6 @@
 //! `satgs train`: cameras, splats, training.
 
-use super::{CliError, Ui};
+use super::{CliError, Ui, named};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
 use crate::prior::{DepthKind, InpaintCommand, PriorSource, PriorSources};
 use crate::run_files::SPLATS;
@@ -27,50 +27,6 @@ pub struct Args {
     /// Train again. By default splats of the same input and options are kept, and any others are an error
     #[arg(long)]
     overwrite: bool,
-}
-
-/// Kinds of splats.
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum Primitive {
-    /// Ellipsoids
-    #[value(name = "3d")]
-    Ellipsoid,
-    /// Flat discs
-    #[value(name = "2d")]
-    Disc,
-}
-
-impl From<Primitive> for PrimitiveKind {
-    fn from(primitive: Primitive) -> Self {
-        match primitive {
-            Primitive::Ellipsoid => Self::Ellipsoid,
-            Primitive::Disc => Self::Disc,
-        }
-    }
-}
-
-/// What the values of depths are.
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-pub enum PriorKind {
-    /// Depths in the unit of the scene, of a network: their scale and shift are corrected
-    Metric,
-    /// Depths in the unit of the scene, of a sensor: used without correction
-    Measured,
-    /// Depths with unknown scale and shift: larger is farther
-    Relative,
-    /// Inverse depths with unknown scale and shift: larger is nearer
-    Disparity,
-}
-
-impl From<PriorKind> for DepthKind {
-    fn from(kind: PriorKind) -> Self {
-        match kind {
-            PriorKind::Metric => Self::Metric,
-            PriorKind::Measured => Self::Measured,
-            PriorKind::Relative => Self::Relative,
-            PriorKind::Disparity => Self::Disparity,
-        }
-    }
 }
 
 /// Points to start from.
@@ -113,8 +69,8 @@ pub struct Options {
     #[arg(long, value_name = "NAME|FILE", help_heading = "Training")]
     recipe: Option<String>,
     /// Kind of splats [default: the recipe's]
-    #[arg(long, value_name = "3d|2d", hide_short_help = true, help_heading = "Training")]
-    primitive: Option<Primitive>,
+    #[arg(long, value_name = "KIND", value_parser = named(&PrimitiveKind::NAMED), hide_short_help = true, help_heading = "Training")]
+    primitive: Option<PrimitiveKind>,
     /// Points that training starts from [default: the recipe's]
     ///
     /// All but `predict` are for photographs. `hdd` and `gva` take depths from --depth-prior, else interpolate them between the points
@@ -189,11 +145,12 @@ pub struct Options {
     #[arg(
         long,
         value_name = "KIND",
+        value_parser = named(&DepthKind::STATED),
         requires = "depth_prior",
         hide_short_help = true,
         help_heading = "Training"
     )]
-    prior_kind: Option<PriorKind>,
+    prior_kind: Option<DepthKind>,
     /// Normal maps of the images, for recipe indoor: a folder, an ONNX network or a command, as for --depth-prior
     ///
     /// Normals may be in camera or world axes, with any signs: the convention is estimated from the points of the scene [default:
@@ -214,7 +171,7 @@ impl Options {
     pub fn options(&self, default_recipe: &str, overwrite: bool) -> TrainOptions {
         TrainOptions {
             recipe: self.recipe.clone().unwrap_or_else(|| default_recipe.into()),
-            primitive: self.primitive.map(PrimitiveKind::from),
+            primitive: self.primitive,
             start: self.start.and_then(Start::points),
             predict: matches!(self.start, Some(Start::Predict)),
             reference_points: self.reference_points,
@@ -230,7 +187,7 @@ impl Options {
             lpips: self.lpips.clone(),
             priors: PriorSources {
                 depths: self.depth_prior.clone(),
-                kind: self.prior_kind.map(DepthKind::from),
+                kind: self.prior_kind,
                 normals: self.normal_prior.clone(),
             },
             inpaint: self.inpaint.clone(),
