@@ -195,7 +195,7 @@ pub struct Evidence {
 }
 
 /// Scores `prediction` against `truth` with every registration. Where there is evidence, the cells that two views or more
-/// confirm and the others are scored apart too.
+/// confirm and the others are also scored separately.
 ///
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems

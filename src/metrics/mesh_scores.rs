@@ -79,7 +79,7 @@ pub fn mesh_scores(
     })
 }
 
-/// The mesh in colours of the distance of its vertices to the reference: green for none, yellow at the threshold, red from
+/// The mesh coloured by the distance of its vertices to the reference: green for none, yellow at the threshold, red from
 /// twice the threshold on.
 ///
 /// # Errors

@@ -18,7 +18,7 @@ const ERROR_PICTURE: &str = "error.png";
 /// Largest difference of the grids of a surface model and its confidence, cells.
 const SAME_GRID: f64 = 1e-3;
 
-/// How the truth is read and which parts of it are scored.
+/// How the truth is read, and which parts of it are scored.
 #[derive(Clone, Debug, Default)]
 pub struct EvaluateOptions {
     /// Class raster on the truth's grid; by default DFC2019's `X_CLS.tif` beside `X_DSM.tif`, or the classes of points.
