@@ -99,8 +99,8 @@ impl PartStore {
         Self::new(self.folder.join(name), self.made_from.clone())
     }
 
-    /// The part called `name`: as it is stored, else as `make` makes it, which is then stored. `made_from` is what this part depends
-    /// on beside what all parts do. Without a store the part is made.
+    /// The stored part called `name`, else what `make` returns, which is then stored. `made_from` is what this part depends on beside
+    /// what all parts do. Without a store, `make` is called.
     ///
     /// # Errors
     /// Those of `make`; [`WriteError`] if the part cannot be stored.
@@ -136,7 +136,7 @@ impl PartStore {
         Ok(())
     }
 
-    /// Says that work goes on from parts that were stored before, if it did since this was said last.
+    /// Reports that work continued from stored parts, if it did since the last report.
     pub fn tell(&self, progress: &dyn Progress) {
         if self.is_used.swap(false, Ordering::Relaxed) {
             progress.event(Event::Note(format!("continuing from `{}`", self.folder.display())));

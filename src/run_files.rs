@@ -12,25 +12,25 @@ pub const SPARSE_POINTS: &str = "points.laz";
 pub const CAMERAS: &str = "cameras.json";
 /// Folder of the training.
 pub const TRAIN_STAGE: &str = "train";
-/// What an interrupted training goes on from, in the folder of a training.
+/// What an interrupted training continues from, in the folder of a training.
 pub const CHECKPOINT: &str = "checkpoint.bin";
-/// Folder of what matching has found so far, in the folder of a stage that is not complete.
+/// Folder of the parts of an unfinished matching, in the folder of a stage.
 pub const MATCHING: &str = "matching";
-/// A line an iteration of training, in such a folder.
+/// Log of a training, one line an iteration, in such a folder.
 pub const TRAINING_LOG: &str = "train.csv";
 /// Curves of the log, in such a folder.
 pub const TRAINING_CURVES: &str = "curves.svg";
 /// Folder of pictures of the training's progress, in such a folder.
 pub const SNAPSHOTS: &str = "snapshots";
-/// Folder of pictures of what priors of depths gave the training of photographs to start from.
+/// Folder of pictures of the aligned depths and pseudo-views from which the training of photographs started.
 pub const START: &str = "train/start";
-/// Folder of pictures of priors beside what the training of photographs made.
+/// Folder of pictures of priors beside the rendered depths and normals of photographs.
 pub const PRIOR_PICTURES: &str = "train/priors";
-/// Folder of the depths and normals that a network or a command has made of the images.
+/// Folder of the depth and normal maps that a network or a command made of the images.
 pub const PRIORS: &str = "priors";
 /// Folder of a prediction of splats.
 pub const PREDICT_STAGE: &str = "predict";
-/// The splats that were predicted from points, which training goes on from; their colours are linear, of photographs as displayed.
+/// The splats that were predicted from points, from which training continues; colours are linear, for photographs as displayed.
 pub const PREDICTED: &str = "predict/splats.ply";
 /// The colour models of the views that were found with them.
 pub const PREDICTED_LIGHTS: &str = "predict/lights.json";

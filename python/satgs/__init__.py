@@ -11,7 +11,7 @@ Angles are degrees, lengths metres, heights metres above the WGS 84 ellipsoid un
 bytes for the same input, options and seed, whatever the number of threads.
 
 Python's lock is released while satgs works. Ctrl-C during a call leaves a checkpoint where there can be one and then raises
-``KeyboardInterrupt``; the same call goes on from it.
+``KeyboardInterrupt``; the same call continues from it.
 """
 
 from __future__ import annotations

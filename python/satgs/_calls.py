@@ -29,8 +29,8 @@ T = TypeVar("T")
 def info(
     scene: PathLike, **options: Unpack[o.InfoOptions]
 ) -> r.SatelliteInfo | r.PhotographsInfo | r.SplatFileInfo | r.TilesetInfo:
-    """Says what a scene contains: views, cameras, suns, dates, convergence angles, common ground; of photographs lenses,
-    points, reprojection errors and whether their cameras are theirs; or what a file of splats or a ``tileset.json`` holds.
+    """Shows what a scene contains: views, cameras, suns, dates, convergence angles, common ground; for photographs lenses, points,
+    reprojection errors and whether cameras and images agree; for a splat file or a ``tileset.json`` what it holds.
 
     Args:
         scene: As for :func:`adjust`, or photographs with poses: a COLMAP project, a ``transforms.json``, RGB-D frames, a scene
@@ -74,8 +74,7 @@ def adjust(scene: PathLike, run: PathLike, **options: Unpack[o.AdjustOptions]) -
 def train(run: PathLike, **options: Unpack[o.TrainOptions]) -> r.Trained:
     """Trains Gaussian splats on an adjusted run: writes ``RUN/splats.ply``, ``RUN/cameras.json`` and ``RUN/train``.
 
-    Training goes on from a checkpoint of the same input and options; when it is interrupted, it writes one. A training that
-    is complete is kept.
+    An interrupted training writes a checkpoint, and the same call continues from it. A training that is complete is kept.
 
     Args:
         run: The run folder of :func:`adjust`, or of :func:`run` or :func:`predict` of photographs.
@@ -133,7 +132,7 @@ def changes(earlier: PathLike, later: PathLike, output: PathLike, **options: Unp
     Args:
         earlier: The earlier run folder, or the raster of a surface model.
         later: The later one.
-        output: Folder for what is found.
+        output: Folder for the results.
         **options: See :class:`satgs.options.ChangesOptions`.
 
     Raises:
@@ -145,12 +144,11 @@ def changes(earlier: PathLike, later: PathLike, output: PathLike, **options: Unp
 
 @calls("run", o.RunOptions)
 def run(scene: PathLike, run: PathLike, **options: Unpack[o.RunOptions]) -> r.RunResult:
-    """Does everything: adjusts, trains, renders, scores if there is a truth, and writes ``RUN/report.html``.
+    """Runs all stages: adjusts, trains, renders, scores if there is a truth, and writes ``RUN/report.html``.
 
-    Stages that the run folder holds already, made from the same input and options, are kept: the same call goes on where it
-    was interrupted. An area that is larger than one tile is cut into tiles, which are trained one after the other and blended.
-    Photographs are not adjusted; views that are held back are scored, and a surface model is made if ``georef`` says where the
-    scene lies.
+    Stages in the run folder that were made from the same input and options are kept: the same call continues an interrupted run.
+    An area with a side of more than 1.5 times ``core_m`` is cut into tiles, which are trained one after the other and blended.
+    Photographs are not adjusted; held-back views are scored, and with ``georef`` a surface model is rendered.
 
     Args:
         scene: As for :func:`info`.
@@ -181,7 +179,7 @@ def run(scene: PathLike, run: PathLike, **options: Unpack[o.RunOptions]) -> r.Ru
 
 @calls("align", o.AlignOptions)
 def align(run: PathLike, to: PathLike, **options: Unpack[o.AlignOptions]) -> r.Aligned:
-    """Moves everything that a run holds to a reference, by one shift east, north and up; ``RUN/align.json`` records it.
+    """Aligns a run to a reference: one shift east, north and up of all that it holds, which ``RUN/align.json`` records.
 
     Args:
         run: Run folder of :func:`adjust`, or of later stages.
@@ -260,7 +258,7 @@ def mesh_eval(mesh: PathLike, reference: PathLike, **options: Unpack[o.MeshEvalO
 
 @calls("prior", o.PriorOptions)
 def prior(scene: PathLike, output: PathLike, **options: Unpack[o.PriorOptions]) -> r.MadePriors:
-    """Makes maps of depths or normals of the images of a scene of photographs, by a network, a command or matching.
+    """Makes depth or normal maps of the images of a scene of photographs, with a network, a command or matching.
 
     Args:
         scene: The scene.
@@ -280,7 +278,7 @@ def predict(run: PathLike, output: PathLike, **options: Unpack[o.PredictOptions]
 
     Args:
         run: Run folder with adjusted cameras, a scene of photographs, or its run.
-        output: The run folder to write, on which all calls work that take trained runs.
+        output: The run folder to write; it serves all calls that take trained runs.
         **options: See :class:`satgs.options.PredictOptions`.
 
     Raises:
@@ -294,7 +292,7 @@ def predict(run: PathLike, output: PathLike, **options: Unpack[o.PredictOptions]
 def learn(out: PathLike, **options: Unpack[o.LearnOptions]) -> r.Learned | r.WrittenModel:
     """Trains the network by which :func:`predict` makes splats, on simulated towns or on photographs with depth maps.
 
-    A training that is interrupted goes on with the same call, and gives the same model.
+    After an interruption the same call continues and gives the same model.
 
     Args:
         out: The model to write (``.safetensors``); with ``start`` alone also ``.onnx``.
@@ -354,7 +352,7 @@ def plan(scene: PathLike, run: PathLike, **options: Unpack[o.PlanOptions]) -> r.
 
     Args:
         scene: As for :func:`adjust`.
-        run: The run folder. It is adjusted first if it is not yet.
+        run: The run folder. It is adjusted first, unless it is already.
         **options: See :class:`satgs.options.PlanOptions`.
 
     Raises:
@@ -415,7 +413,7 @@ def tile_status(run: PathLike, **options: Unpack[o.Reporting]) -> r.Status:
 def mosaic(run: PathLike, **options: Unpack[o.Reporting]) -> r.Mosaicked:
     """Joins the tiles of a plan: writes ``RUN/dsm.tif``, ``ortho.tif``, ``confidence.tif``, ``seams.gpkg`` and ``report.html``.
 
-    Tiles that are not done leave no data; the result lists them, and a warning says it.
+    Tiles that are not done are nodata; the result and a warning list them.
 
     Args:
         run: Run folder of :func:`plan`.

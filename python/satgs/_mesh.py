@@ -83,7 +83,7 @@ def fuse_depths(
             are not known.
         voxel: Side of a voxel.
         colors: The picture of each camera, 0 to 1, shape (rows, columns, 3). ``None``: a mesh without colours.
-        truncation: Distance from a surface up to which a depth map tells of it. ``None``: five voxels.
+        truncation: Truncation distance of the TSDF, in the unit of the scene. ``None``: five voxels.
         depth_max: Depths beyond this are not used. ``None``: all are.
         most_pieces: Number of pieces that are kept, the largest.
         least_triangles: Number of triangles of the smallest piece that is kept.

@@ -32,8 +32,8 @@ class Overwriting(TypedDict, total=False):
     """Whether results are replaced.
 
     Args:
-        overwrite: Make the results again, whatever is there. ``None``: results of the same input and options are kept, and
-            those of others are an error.
+        overwrite: Compute again, and replace results that are there. ``None``: results of the same input and options are kept,
+            and results of others are an error.
     """
 
     overwrite: bool | None
@@ -46,13 +46,14 @@ class SatelliteOptions(TypedDict, total=False):
         rpcs: Name of the folder of RPC files beside ``images/``; needed if there are several.
         suns: Azimuth (clockwise from north) and elevation of the sun by view name, degrees, instead of those in files.
         aoi: Area of interest: west, south, east, north in degrees, or a GeoJSON file. ``None``: the ground that at least
-            three views see (two, of two or three views).
-        bands: Bands to use, counted from 1: three as red, green, blue, or one. ``None``: the first three.
-        stretch_percent: Percentage of pixels that is clipped at each end of the values, from 0 to below 50. ``None``: 0.5, and
-            0 for 8-bit images.
-        gamma: Display gamma of the images, from 1 to 4: light = value ** gamma. ``None``: found from the images: 2.2
-            for 8-bit images that are bright in the light and in the shadows, else 1.
-        trust_rpc: Take the first RPC found for an image even if it seems to belong to another one.
+            three views see; two, in a scene of two or three views.
+        bands: Bands to use, counted from 1: three as red, green, blue, or one. ``None``: those that the file declares as such,
+            else the first three.
+        stretch_percent: Percentage of pixels to clip at each end of the histogram, from 0 to below 50. ``None``: 0.5; 8-bit
+            images: 0.
+        gamma: Display gamma of the images, from 1 to 4: radiance = value ** gamma. ``None``: 2.2 for 8-bit images whose shadows
+            are bright, too, else 1.
+        trust_rpc: Use the first RPC found for an image, even if it seems to belong to another image.
     """
 
     rpcs: str | None
@@ -68,11 +69,11 @@ class ImageOptions(TypedDict, total=False):
     """Which images of a scene of photographs are read, and how large.
 
     Args:
-        test_views: Views to hold back for tests: every so many-th image, a file that lists them, or ``none``. ``None``: every
-            8th, or the scene's own list.
-        downsampling: Use images at 1/2, 1/4 or 1/8 of their size. ``None``: whole images.
-        transparent: What transparent pixels mean: nothing is there, or it is unknown what is. ``None``: ``empty`` of
-            ``transforms.json``, otherwise ``unknown``.
+        test_views: Test views, which are not trained on: every N-th image, those that a file lists, or ``none``. ``None``: the
+            scene's own list, else every 8th.
+        downsampling: Reduce images to 1/2, 1/4 or 1/8 of their width and height. ``None``: 1.
+        transparent: Meaning of transparent pixels: ``empty``, the background shows, or ``unknown``, they are not compared.
+            ``None``: ``empty`` in ``transforms.json``, otherwise ``unknown``.
     """
 
     test_views: int | Path | None
@@ -85,7 +86,8 @@ class PhotographOptions(ImageOptions, total=False):
 
     Args:
         georef: Where the scene lies on Earth: ``exif``, the GPS positions of the photographs, or a file, JSON with epsg,
-            scale, rotation, translation, or lines ``image easting northing height`` after a line ``EPSG:CODE``.
+            scale, rotation, translation, or lines ``image easting northing height`` after a line ``EPSG:CODE``. ``None``: the
+            scene stays in its own frame.
     """
 
     georef: Path | None
@@ -99,8 +101,8 @@ class InfoOptions(SceneOptions, total=False):
     """Keyword arguments of :func:`satgs.info`.
 
     Args:
-        footprints: Write the footprints of the images at the middle of the heights to this file (GeoJSON, ``.gpkg``).
-        skyplot: Write a plot of the footprints, satellites and suns to this file (``.svg``).
+        footprints: Write the footprints of the images, at the middle of the height range, to this file (GeoJSON, ``.gpkg``).
+        skyplot: Write a plot of the footprints, and a sky plot of satellites and suns, to this file (``.svg``).
         overwrite: Replace files that exist.
     """
 
@@ -114,13 +116,14 @@ class AdjustingOptions(TypedDict, total=False):
 
     Args:
         model: Correction of each camera. ``None``: ``shift``.
-        fixed: Keep the cameras as they are, and only measure how well they agree.
-        height_range: Lowest and highest height to search, metres above the ellipsoid. ``None``: from ``dem``, else from the
-            images' metadata.
-        dem: Elevation model that gives the heights to search.
+        fixed: Do not correct the cameras: compute tie points, and report how well the cameras agree.
+        height_range: Lowest and highest height of tie points and of the surface, metres above the ellipsoid. ``None``: from
+            ``dem``, else from the images' metadata, else from the RPCs.
+        dem: Elevation model that gives the height range, instead of ``height_range``.
         dem_vertical: Vertical reference of its heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file of a geoid
             grid. ``None``: as the file says.
-        dem_sigma_m: Standard deviation, metres, with which it constrains the height of the scene. ``None``: it does not.
+        dem_sigma_m: Tie the height of the scene to the elevation model, with this standard deviation, metres. ``None``: the
+            height is that of the delivered RPCs.
         gcps: CSV file of ground control points, which then define the datum; columns
             ``lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px``.
         reference_views: Views whose RPCs are not corrected and define the datum.
@@ -144,26 +147,27 @@ class TrainingOptions(TypedDict, total=False):
     """How splats are trained.
 
     Args:
-        recipe: Name of a recipe or a TOML file. ``best`` makes heights; ``baeogs`` and ``eogs`` follow the papers; ``satgs``
-            adds colours for any date and sun, ``satgs-fast`` in a quarter of the iterations. Of photographs: ``3dgs`` makes
-            ellipsoids, ``2dgs`` flat discs for surfaces, ``indoor`` is for rooms, ``geoprop`` for three to ten aerial views.
-            ``None``: ``best``, of photographs ``3dgs``.
+        recipe: Name of a recipe or a TOML file. For satellite images: ``best`` is for heights, ``baeogs`` and ``eogs`` follow the
+            papers, ``satgs`` adds colours for any date and sun, ``satgs-fast`` in a quarter of the iterations. For photographs:
+            ``3dgs`` trains ellipsoids, ``2dgs`` flat discs for surfaces, ``indoor`` is for rooms, ``geoprop`` for three to ten
+            aerial views. ``None``: ``best``; for photographs ``3dgs``.
         primitive: Kind of splats: ellipsoids or flat discs. ``None``: the recipe's.
         start: Points that training starts from; all but ``predict`` are for photographs. ``None``: the recipe's.
-        reference_points: Start from points of the reference depth maps, in scenes of photographs without points.
+        reference_points: In scenes without points, start from points of the reference depth maps of LEVIR-NVS and ScanNet++.
         iterations: Number of iterations, to which the recipe's schedule is scaled. ``None``: the recipe's own.
-        no_splats: Stop at the surface that matching finds: no splats are trained. For two or three images the heights are
-            those of a run with splats; for more, training makes them better.
+        no_splats: Stop at the matched surface: heights, orthophoto, confidence. With two or three images, splats do not change
+            the heights; with four and more, training improves them.
         seed: Seed of all random numbers; the same seed gives the same bytes. ``None``: 0.
         device: Device that trains: ``auto``, ``cpu``, ``gpu``, or ``gpu:N``. ``None``: ``auto``.
-        checkpoint_every: Number of iterations from one checkpoint to the next. ``None``: 500.
-        resume: Fail unless there is a checkpoint to go on from.
-        snapshots: Number of pictures of the progress to write to ``RUN/train/snapshots``. ``None``: 0.
-        features: For ``satgs``, a network (ONNX) by whose features cars and the like are found.
-        lpips: For ``satgs``, a safetensors file of ``scripts/fetch-weights``, for the perceptual loss.
-        depth_prior: Depths of photographs: a folder, an ONNX network, a command with ``{image}`` and ``{out}``, or ``stereo``.
-        prior_kind: What the values of ``depth_prior`` are. ``None``: as its ``prior.json`` says, else what the points show.
-        normal_prior: Surface normals of photographs: a folder, an ONNX network or a command.
+        checkpoint_every: Number of iterations between checkpoints. ``None``: 500.
+        resume: Fail unless there is a checkpoint to continue from.
+        snapshots: Number of pictures to write during training, to ``RUN/train/snapshots``. ``None``: 0.
+        features: For recipe ``satgs``: ONNX network of image features, such as DINOv2, to find cars and other transient objects.
+        lpips: For recipe ``satgs``: network of the perceptual loss, a safetensors file made by ``scripts/fetch-weights``.
+        depth_prior: Depth maps of photographs: a folder, an ONNX network, a command with ``{image}`` and ``{out}``, or ``stereo``.
+        prior_kind: What the values of ``depth_prior`` are. ``None``: as its ``prior.json`` says, else estimated from the points
+            of the scene.
+        normal_prior: Normal maps of photographs: a folder, an ONNX network or a command.
         inpaint: Command that paints what no view sees, with ``{rgb}``, ``{mask}``, ``{depth}`` and ``{out}``.
     """
 
@@ -191,14 +195,14 @@ class TrainOptions(TrainingOptions, Overwriting, Reporting, total=False):
 
 
 class SurfaceOptions(TypedDict, total=False):
-    """What is rendered of a trained run.
+    """The surface model of a trained run.
 
     Args:
         resolution_m: Side of a cell, metres; the extent is the trained area. ``None``: 0.5.
-        like: A raster whose grid and extent are taken instead.
+        like: Use the grid and extent of this raster.
         vertical: Vertical reference of the heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file of a geoid
             grid. ``None``: that of an existing ``RUN/dsm.tif``, else the ellipsoid.
-        fill_m: Interpolate holes up to this width, metres. ``None``: holes stay nodata.
+        fill_m: Also interpolate across cells without any height, holes up to this width, metres. ``None``: they stay nodata.
         no_fill: Leave cells that fewer than two views confirm as nodata. ``None``: they are filled in from the cells around
             them, and ``confidence.tif`` has fewer than two views there.
         hillshade: Also write the shaded relief, ``RUN/hillshade.tif``.
@@ -228,7 +232,7 @@ class TruthOptions(TypedDict, total=False):
     Args:
         classes: Class raster on the truth's grid, in which 9 is water. ``None``: ``X_CLS.tif`` beside ``X_DSM.tif``, or the
             classes of points.
-        mask: Polygons, or a raster on the truth's grid that is not 0 inside: inside and outside are scored apart.
+        mask: Polygons, or a raster on the truth's grid, non-zero inside: inside and outside are scored separately.
         truth_vertical: Vertical reference of the truth's heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file
             of a geoid grid. ``None``: as the file says.
         truth_epsg: EPSG code of a point cloud that does not state its own.
@@ -244,10 +248,9 @@ class CompareOptions(TruthOptions, Reporting, total=False):
     """Keyword arguments of :func:`satgs.compare`.
 
     Args:
-        confidence: Confidence of the surface model, as :func:`satgs.dsm` writes it; with it, cells that two views confirm and
-            cells that are filled in are scored apart too. ``None``: ``confidence.tif`` beside the surface model, if it has the
-            same cells.
-        output: Folder for ``metrics.json``, the error map and figures. ``None``: nothing is written.
+        confidence: Confidence of the surface model, as :func:`satgs.dsm` writes it, to score confirmed and filled cells
+            separately. ``None``: ``confidence.tif`` beside the surface model, if it has the same cells.
+        output: Folder for ``metrics.json``, the error map and charts. ``None``: nothing is written.
         overwrite: Replace files of an earlier evaluation.
     """
 
@@ -260,8 +263,8 @@ class ChangesOptions(Reporting, total=False):
     """Keyword arguments of :func:`satgs.changes`.
 
     Args:
-        least_height_m: Smallest difference of heights that counts, metres.
-        least_area_m2: Smallest area of a region, square metres.
+        least_height_m: Smallest difference of heights that counts, metres. ``None``: 1.5.
+        least_area_m2: Smallest area of a region, square metres. ``None``: 25.
         overwrite: Replace files of an earlier comparison.
     """
 
@@ -274,9 +277,9 @@ class TilingOptions(TypedDict, total=False):
     """How an area is cut into tiles.
 
     Args:
-        core_m: Largest side of an area that is trained as a whole, and of the core of a tile, metres.
-        overlap_m: Width of the ground around a core that is trained as well, metres; seams are cut there.
-        max_memory_mb: Memory that a tile may take, megabytes. ``None``: there is no limit.
+        core_m: Largest side of the core of a tile, metres; an area of up to 1.5 times this side is not cut. ``None``: 512.
+        overlap_m: Width of the ground around the core that is trained, too, metres; tiles are blended there. ``None``: 32.
+        max_memory_mb: Memory that the training of a tile may take, megabytes. ``None``: no limit.
     """
 
     core_m: float | None
@@ -299,7 +302,7 @@ class RunOptions(
     """Keyword arguments of :func:`satgs.run`. Those of the other kind of scenes are an error.
 
     Args:
-        truth: A surface model or points to score the result against.
+        truth: Score ``dsm.tif`` against this surface model or point cloud.
     """
 
     truth: Path | None
@@ -313,7 +316,7 @@ class PlanOptions(
     Args:
         resolution_m: Side of a cell of the surface model, metres. ``None``: 0.5.
         vertical: Vertical reference of the heights. ``None``: the ellipsoid.
-        fill_m: Interpolate holes up to this width, metres. ``None``: holes stay nodata.
+        fill_m: Also interpolate across cells without any height, holes up to this width, metres. ``None``: they stay nodata.
         no_fill: Leave cells that fewer than two views confirm as nodata.
     """
 
@@ -327,7 +330,7 @@ class TileRunOptions(Reporting, total=False):
     """Keyword arguments of :func:`satgs.tile_run`.
 
     Args:
-        checkpoint_every: Number of iterations from one checkpoint to the next. ``None``: 500.
+        checkpoint_every: Number of iterations between checkpoints. ``None``: 500.
     """
 
     checkpoint_every: int | None
@@ -337,7 +340,7 @@ class TileBlendOptions(Reporting, total=False):
     """Keyword arguments of :func:`satgs.tile_blend`.
 
     Args:
-        without: IDs of neighbours that failed, and are left out.
+        without: IDs of neighbours that failed: blend without them.
     """
 
     without: Sequence[str] | None
@@ -360,14 +363,14 @@ class RenderOptions(Reporting, total=False):
 
     Args:
         like: Use the camera, sun and colours of this view of the run.
-        visibility: Write the visibility of the pixels of this training view (recipe ``satgs``).
+        visibility: Write how far other images confirm each pixel of this training view, 0 to 1 (recipe ``satgs``).
         view: Direction of the camera: azimuth and angle off nadir.
         view_to: The same in the last frame.
-        appearance: The colours of this training view (recipe ``satgs``).
-        date: The colours at this date, ``YYYY-MM-DD``, and the sun at its ``time`` (recipe ``satgs``).
-        date_to: The date of the last frame.
-        time: The time of day of ``date``, ``HH:MM`` UTC. ``None``: the median of the training views.
-        time_to: The time of day of the last frame.
+        appearance: Use the colours of this training view (recipe ``satgs``).
+        date: Use the colours of this date, ``YYYY-MM-DD``, and the sun at its ``time`` (recipe ``satgs``).
+        date_to: Date of the last frame.
+        time: Time of day of ``date``, ``HH:MM`` UTC. ``None``: the median of the training views.
+        time_to: Time of day of the last frame, UTC.
         sun: Position of the sun: azimuth and elevation. ``None``: that of ``date``, else of the view, else no shadows.
         sun_to: The same in the last frame.
         size: Columns and rows. ``None``: the trained area in pixels of the reference view.
@@ -415,8 +418,8 @@ class MeshOptions(Reporting, total=False):
 
     Args:
         voxel_m: Side of a voxel, metres.
-        truncation_m: Distance from a surface up to which a depth map tells where it is, metres. ``None``: 4 voxels.
-        depth_max_m: Leave out depths beyond this, metres; not for satellite runs.
+        truncation_m: Truncation distance of the TSDF, metres. ``None``: 4 voxels.
+        depth_max_m: Leave out greater depths, metres; not for satellite runs.
         overwrite: Replace the mesh if it exists.
     """
 
@@ -430,10 +433,10 @@ class MeshEvalOptions(Reporting, total=False):
     """Keyword arguments of :func:`satgs.mesh_eval`.
 
     Args:
-        threshold_m: Distance up to which a place counts as right, metres. ``None``: 0.05.
-        views: Run or scene: both meshes are cut to what its views see.
-        align: Run or scene whose cameras place the mesh: their centres are moved onto those of ``views``.
-        error_mesh: Write the mesh in colours of its errors (``.ply``, ``.obj``, ``.glb``).
+        threshold_m: Distance up to which a point counts as correct, metres. ``None``: 0.05.
+        views: Cut both meshes to what the views of this run or scene see; it must be in the frame of the reference.
+        align: Move the mesh by the similarity that fits the camera centres of this run or scene to those of ``views``.
+        error_mesh: Write the mesh coloured by its errors (``.ply``, ``.obj``, ``.glb``).
         overwrite: Replace the error mesh if it exists.
     """
 
@@ -448,12 +451,12 @@ class PriorOptions(ImageOptions, Reporting, total=False):
     """Keyword arguments of :func:`satgs.prior`. One of ``model``, ``command`` and ``stereo`` makes the maps.
 
     Args:
-        model: Network (ONNX) that gives a map of a picture.
+        model: ONNX network that estimates a map from an image.
         command: Command that writes the map ``{out}`` of the image ``{image}``.
         stereo: Match the images with each other at their poses.
-        normals: The maps are of normals. ``None``: of depths.
-        kind: What the values of depths are. ``None``: training finds it by the points of the scene.
-        overwrite: Make all maps anew.
+        normals: Make normal maps. ``None``: depth maps.
+        kind: What the values of depth maps are. ``None``: training estimates it from the points of the scene.
+        overwrite: Make all maps again.
     """
 
     model: Path | None
@@ -469,12 +472,12 @@ class PredictOptions(PhotographOptions, Overwriting, Reporting, total=False):
 
     Args:
         points: A point cloud (``.laz``, ``.las``, ``.ply``) or a surface model (``.tif``). ``None``: the matched surface of the
-            run, else its sparse points; of photographs the points of the scene, else those of its depth maps.
-        keep_place: Take the points where they are. ``None``: those of satellite scenes are moved onto the tie points.
-        model: Model of :func:`satgs.learn`, or an ONNX network. ``None``: the model that comes with satgs, of
+            run, else its sparse points; for photographs the points of the scene, else those of its depth maps.
+        keep_place: Do not move the points. ``None``: those of satellite scenes are moved onto the tie points.
+        model: Model of :func:`satgs.learn`, or an ONNX network. ``None``: the model that comes with satgs; for
             photographs none.
         image_features: ONNX file of the network of image features that the model was trained with.
-        without_network: Make a splat of each point without a network, to compare with.
+        without_network: Make a splat of each point without a network, for comparison.
     """
 
     points: Path | None
@@ -488,11 +491,11 @@ class LearnOptions(ImageOptions, Reporting, total=False):
     """Keyword arguments of :func:`satgs.learn`.
 
     Args:
-        start: Model to start from: a file or ``built-in``. With ``scenes`` it is trained further. Without, nothing is trained:
-            the model is written as ``out``, also as ``.onnx`` for other programs.
-        scenes: Train a model further on these scenes of photographs, which have depth maps.
-        image_features: ONNX network of features of images, which the model then takes as well.
-        config: TOML file of numbers of towns, rounds and steps, learning rate, sizes of the network.
+        start: Model to start from: a file or ``built-in``. With ``scenes`` it is trained further. Without, it is only converted
+            to ``out``, for example to ``.onnx`` for other programs.
+        scenes: Train a model further on these photographs with depth maps.
+        image_features: ONNX network of image features, as further input of the model.
+        config: TOML file: numbers of towns, rounds and steps, learning rate, sizes of the network.
     """
 
     start: Path | None
@@ -513,9 +516,9 @@ class ExportOptions(Reporting, total=False):
         variant: Axes of PLY files: z up, or y down. ``None``: ``3dgs``, z up.
         spz: Write the splats to this SPZ file.
         gltf: Write the splats to this ``.glb`` file with ``KHR_gaussian_splatting``.
-        compress: Hold the splats of ``gltf`` as SPZ.
+        compress: Compress the splats of ``gltf`` as SPZ.
         tiles3d: Write 3D Tiles into this folder, which must be empty or new.
-        copyright: Copyright that ``gltf`` and ``tiles3d`` hold and globes show.
+        copyright: Copyright notice for ``gltf`` and ``tiles3d``, which globes display.
         overwrite: Replace the file, or what an earlier export wrote into the folder.
     """
 
@@ -537,23 +540,23 @@ class SimulateOptions(Reporting, total=False):
 
     Args:
         seed: Seed of the random town. ``None``: 0.
-        room: Photograph a room of 4 x 5 x 2.5 m.
-        frames: Of a room, write RGB-D frames too, whose files state this camera.
-        aerial: Photograph the town from 600 m above ground.
-        mountains: Look at a mountain without buildings.
-        surface: Look at this surface, a raster of heights on a map in metres.
+        room: Photograph a room of 4 x 5 x 2.5 m instead.
+        frames: With ``room``: also write RGB-D frames, whose files state this camera.
+        aerial: Photograph the town from 600 m above ground instead.
+        mountains: Simulate a mountain without buildings instead.
+        surface: Simulate images of this surface, a north-up raster of heights in a projected CRS in metres.
         texture: Picture of the ground of ``surface``, in its CRS.
         surface_vertical: Vertical reference of ``surface``. ``None``: as the file says, else the ellipsoid.
-        views: Number of images. ``None``: 10, of a room 60, from the air 21.
-        planned: Images from these directions instead: angle off nadir, azimuth and, if it is known, time (UTC, as
+        views: Number of images. ``None``: 10; with ``room`` 60, with ``aerial`` 21.
+        planned: Take images from these directions, instead of ``views``: off-nadir angle, azimuth and optional time (UTC, as
             ``2024-08-20T10:30``).
-        bits: Bits of the grey levels. ``None``: 8, of mountains 16.
+        bits: Bits of the grey levels. ``None``: 8; with ``mountains`` 16.
         size_px: Columns and rows of every image.
         gsd_m: Ground sampling distance at nadir, metres. ``None``: 0.5.
         hilly: Put the town on hills.
         seasons: Take images in all four seasons.
-        cars_percent: Pixels that show a moving car or its shadow, percent, 0 to 8. ``None``: light traffic.
-        held_out: Number of more images that ``test.txt`` holds back from training. ``None``: 0.
+        cars_percent: Share of pixels that show a moving car or its shadow, percent, 0 to 8. ``None``: light traffic.
+        held_out: Number of additional images, which ``test.txt`` holds back from training. ``None``: 0.
         overwrite: Replace the files of an earlier simulation.
     """
 
@@ -591,7 +594,7 @@ class RpcOptions(Reporting, total=False):
     """Keyword arguments of :func:`satgs.rpc_compare`.
 
     Args:
-        trust_rpc: Take the first RPC found for an image even if it seems to belong to another one.
+        trust_rpc: Use the first RPC found for an image, even if it seems to belong to another image.
     """
 
     trust_rpc: bool | None

@@ -76,7 +76,7 @@ class SatgsAlgorithm(QgsProcessingAlgorithm):
         try:
             summary = run(program(), words, progress.event, feedback.isCanceled)
         except Cancelled:
-            feedback.pushInfo("Stopped. The same parameters go on where it was.")
+            feedback.pushInfo("Stopped. The same parameters continue it.")
             return {}
         except CommandError as error:
             raise QgsProcessingException(str(error)) from error

@@ -22,8 +22,8 @@ const LARGE_PX: usize = 50_000_000;
 /// views are then adjusted again.
 ///
 /// A scene whose ground is larger than one cell (see [`BundleOptions::cell_m`]) is matched cell by cell, and the tie points
-/// of all cells are adjusted at once. The memory that this takes is that of one cell. Cells without tie points (water,
-/// clouds) are passed over with a warning.
+/// of all cells are adjusted at once, with the memory of one cell. Cells without tie points (water, clouds) are skipped with a
+/// warning.
 ///
 /// # Errors
 /// [`BundleError`]: too few views, no common ground, matches that do not connect the views, ground control of

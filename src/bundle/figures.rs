@@ -1,4 +1,4 @@
-//! Figures of an adjustment: the residuals in the images, their histogram, the connections between views, the angles.
+//! Plots of an adjustment: the residuals in the images, their histogram, the connections between views, the angles.
 
 use super::error::BundleError;
 use super::output::Adjustment;
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::Path;
 
-/// Names of the figures in the folder of an adjustment.
+/// Names of the plots in the folder of an adjustment.
 pub const ADJUSTMENT_FIGURES: [&str; 4] = ["residuals.svg", "histogram.svg", "graph.svg", "angles.svg"];
 /// Longest side of a view's panel, and the distance between panels.
 const PANEL: f64 = 320.0;

@@ -1,15 +1,14 @@
 //! Bundle adjustment of RPC cameras: features, matches, tracks, and the solver that corrects the RPCs.
 //!
 //! The default correction is a shift in the image (`corrected = rpc + shift`). For crops it accounts for all small
-//! errors of attitude, and it is written exactly into the RPC's offsets; for larger images a scale and a shear can be
-//! added. Matching runs twice: first with the delivered cameras and a large epipolar tolerance, then with the corrected
+//! errors of attitude, and the offsets of the RPC express it exactly; for larger images a scale and a shear can be added. Matching runs twice: first with the delivered cameras and a large epipolar tolerance, then with the corrected
 //! cameras and a small one. Finally the tie points are measured again by least-squares matching in all views, which
 //! replaces the positions of the keypoints. Surveyed points define the datum if there are any; otherwise the mean of
 //! the delivered cameras does, with the heights of an elevation model if one is given.
 //!
 //! A scene of more than a square kilometre is cut into cells of ground. Each is cropped, matched and adjusted as if it were
 //! a scene of its own, and keeps some hundred tracks that are spread over it; all cells' tracks together are then
-//! adjusted at once. Memory is that of one cell, and cells that are done are stored.
+//! adjusted at once. Memory is needed for one cell at a time, and finished cells are stored.
 //!
 //! The words of this module, in the order of processing: a *keypoint* is a feature of one image; a *match* is a pair of
 //! keypoints of two views; a *track* is a set of keypoints (its *track elements*), at most one per view, that are taken

@@ -11,8 +11,8 @@ use std::path::PathBuf;
 /// The run is not moved in directions that the reference does not determine, such as along smooth ground. The shift is applied
 /// to RUN/ba (corrected RPCs, points, tie points), cameras.json, the splats, the surfaces in RUN/train, dsm.tif, ortho.tif,
 /// confidence.tif and hillshade.tif: to all of them or, if the command fails, to none. RUN/align.json records it.
-/// Point clouds, meshes and scores in RUN show the old position and are removed, with a message; rendered images and files
-/// elsewhere are not changed. `satgs dsm RUN` renders the surface again on a grid aligned to multiples of the cell size.
+/// Point clouds, meshes and scores in RUN have the old position and are removed, with a message; rendered images and files
+/// outside RUN do not change. `satgs dsm RUN` renders the surface again on a grid aligned to multiples of the cell size.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs ba`, or of later stages
@@ -21,7 +21,7 @@ pub struct Args {
     /// .laz), or ground control points (.csv, in the format of `satgs ba --gcps`)
     #[arg(long, value_name = "REFERENCE")]
     to: PathBuf,
-    /// Vertical reference of its heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// Vertical reference of the heights of --to: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: as its CRS or VERTICAL_REFERENCE says, else the ellipsoid]
     #[arg(long, value_name = "REFERENCE")]
     vertical: Option<String>,

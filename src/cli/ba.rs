@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 
 /// Correct the RPC cameras by bundle adjustment: writes RUN/ba
 ///
-/// Detects SIFT keypoints, matches them along epipolar curves within the height range, links the matches into tracks and
-/// estimates a shift in the image for every view. RUN/ba gets the corrected RPCs (rpcs/, a JSON and a _RPC.TXT file per view,
-/// in which the shift is exact: it is added to the offsets), sparse points (points.laz, points.ply), tie points
+/// Detects SIFT keypoints, matches them along epipolar curves within the height range, links matches into tracks, and estimates a
+/// shift of each image (--model). RUN/ba gets the corrected RPCs (rpcs/, a JSON and a _RPC.TXT file per view,
+/// the shift added to the offsets), sparse points (points.laz, points.ply), tie points
 /// (tie_points.csv, tie_points.gpkg), plots of the residuals, and report.json.
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "adjustment")]
@@ -33,9 +33,9 @@ pub struct Args {
         help_heading = "Matching"
     )]
     height_range: Option<(f64, f64)>,
-    /// Elevation model that gives the heights to search
+    /// Elevation model that gives the height range
     ///
-    /// From 20 m below its lowest to 80 m above its highest height.
+    /// It replaces --height-range: from 20 m below its lowest to 80 m above its highest height.
     #[arg(long, value_name = "FILE", conflicts_with = "height_range", help_heading = "Matching")]
     dem: Option<PathBuf>,
     /// Vertical reference of the elevation model: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
@@ -48,9 +48,9 @@ pub struct Args {
         hide_short_help = true
     )]
     dem_vertical: Option<String>,
-    /// Standard deviation in metres with which the elevation model constrains the height of the scene
+    /// Tie the height of the scene to the elevation model, with this standard deviation, metres
     ///
-    /// Use 10 for SRTM, 5 for Copernicus. Points far above the model, such as roofs, get little weight [default: the height follows
+    /// Use 10 for SRTM, 5 for Copernicus. Points far above the model, such as roofs, get little weight [default: the height is that of
     /// the delivered RPCs].
     #[arg(
         long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_metres, help_heading = "Cameras",
@@ -59,8 +59,8 @@ pub struct Args {
     dem_sigma: Option<f64>,
     /// Correction of each camera: `shift`, `shift-scale` or `affine`
     ///
-    /// `shift` suits images up to 8,000 pixels a side and any small --aoi. The others need whole scenes, because crops are too small to
-    /// tell a drift from noise.
+    /// `shift` suits images up to 8,000 pixels a side and any small --aoi. The others also correct the drift of whole scenes; crops
+    /// are too small to tell a drift from noise.
     #[arg(
         long, value_name = "MODEL", default_value = "shift", value_parser = parse_model, help_heading = "Cameras",
         hide_short_help = true
@@ -80,12 +80,12 @@ pub struct Args {
         hide_short_help = true
     )]
     reference: Vec<String>,
-    /// Keep all RPCs as they are: compute tracks and points, and report how well the RPCs agree
+    /// Do not correct the RPCs: compute tie points, and report how well the RPCs agree
     #[arg(long, help_heading = "Cameras", hide_short_help = true)]
     fixed: bool,
-    /// Make again, and replace what was made with other options
+    /// Compute again, and replace results that are there
     ///
-    /// By default results of the same input and options are kept, and others are an error.
+    /// By default, results of the same input and options are kept, and results of others are an error.
     #[arg(long)]
     overwrite: bool,
 }

@@ -11,27 +11,27 @@ const LISTED: usize = 20;
 
 /// Find what changed between two runs or surface models: regions that rose or fell, with their volumes
 ///
-/// The later surface is moved onto the earlier one by the shift that fits best to what did not change. A difference of heights counts
-/// where it is larger than what both surfaces are expected to err by (confidence.tif of each; without one, what their differences
-/// scatter by), and wider than 2 m. DIR gets difference.tif (difference and its standard deviation, with a QGIS style),
-/// difference.png, changes.gpkg (outlines with areas and volumes) and changes.json.
+/// The later surface is moved onto the earlier one by the shift that fits what did not change. A difference of heights counts where
+/// it is larger than twice its standard deviation, from the expected errors of both surfaces (confidence.tif; without it, from the
+/// scatter of the differences), and wider than 2 m. DIR gets difference.tif (difference and its standard deviation, with a QGIS
+/// style), difference.png, changes.gpkg (outlines with areas and volumes) and changes.json.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   satgs changes run_2019 run_2024 -o changes
   satgs changes lidar_2015.tif run/dsm.tif -o changes --least-height 3 --least-area 100
 
-The standard deviation of a volume takes the cells of a region to err together. Crops, trees and parked
-trains change too: images of one season tell buildings best.")]
+The standard deviation of a volume assumes that the cells of a region err together. Crops, trees and
+parked vehicles change, too: compare images of the same season to find buildings.")]
 pub struct Args {
     /// The earlier run folder, or the raster of a surface model
     earlier: PathBuf,
-    /// The later one
+    /// The later run folder, or raster
     later: PathBuf,
-    /// Folder for what is found
+    /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Smallest difference of heights, metres
+    /// Smallest difference of heights that counts, metres
     #[arg(long, value_name = "M", value_parser = parse_metres, default_value_t = RegionRule::default().least_height_m)]
     least_height: f64,
     /// Smallest area of a region, square metres

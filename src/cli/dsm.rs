@@ -8,23 +8,22 @@ use std::path::{Path, PathBuf};
 
 /// Render the surface model of a trained run: writes RUN/dsm.tif, RUN/ortho.tif and RUN/confidence.tif
 ///
-/// All are Cloud-Optimized GeoTIFFs on the UTM grid. dsm.tif holds heights in metres (float32, nodata NaN); with recipe
-/// `best` the surface of the splats is refined by matching the images once more, with `baeogs` and `eogs` a height is the
-/// mean altitude of the splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view (the training
-/// view nearest to nadir with a high sun) without shadows. confidence.tif has four bands: opacity of the splats, standard
-/// deviation of their altitudes (m), number of views that see the cell, expected error of the height (m). Two views or more
-/// confirm a height; otherwise it is filled in from the cells around it (--no-fill leaves such cells as nodata). Cells that
-/// fewer than two images cover are nodata.
+/// All are Cloud-Optimized GeoTIFFs on the UTM grid. dsm.tif holds heights in metres (float32, nodata NaN): with recipe
+/// `best` from matching the images once more near the surface of the splats, with `baeogs` and `eogs` the mean altitude of the
+/// splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view (the training view nearest to nadir with
+/// a high sun) without shadows. confidence.tif has four bands: opacity of the splats, standard deviation of their altitudes (m),
+/// number of views that see the cell, expected error of the height (m). Heights that fewer than two views confirm are filled in from
+/// the cells around them (--no-fill: nodata). Cells that fewer than two images cover are nodata.
 ///
-/// If a surface is replaced, its points, mesh, hillshade and ground are written again, and its scores in RUN/eval are removed.
-/// dsm.qml is a QGIS style for dsm.tif, hillshade.png a picture of the surface.
+/// Replacing a surface rewrites its points, mesh, hillshade and ground, and removes its scores in RUN/eval. dsm.qml is a QGIS
+/// style for dsm.tif, hillshade.png a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`
     run: PathBuf,
     #[command(flatten)]
     options: Options,
-    /// Render again. By default a surface from the same input and options is kept, and another one is an error
+    /// Render again. By default a surface of the same input and options is kept, and any other is an error
     #[arg(long)]
     overwrite: bool,
 }
@@ -43,15 +42,18 @@ pub struct Options {
     like: Option<PathBuf>,
     /// Vertical reference of dsm.tif, such as `ellipsoid` or EGM2008
     ///
-    /// `ellipsoid`, EGM84, EGM96, EGM2008, or a geoid grid: a .gtx or a .tif of PROJ [default: that of RUN/dsm.tif if it exists, else the ellipsoid].
+    /// `ellipsoid`, EGM84, EGM96, EGM2008, or a geoid grid (.gtx, .tif of PROJ) [default: that of RUN/dsm.tif if it exists, else the
+    /// ellipsoid].
     #[arg(long, value_name = "REFERENCE", help_heading = "Products")]
     vertical: Option<String>,
-    /// Interpolate holes up to this width, metres; confidence.tif has 0 views there [default: holes stay nodata]
+    /// Also interpolate across cells without any height, holes up to this width, metres [default: they stay nodata]
+    ///
+    /// confidence.tif has 0 views there.
     #[arg(long, value_name = "M", hide_short_help = true, help_heading = "Products")]
     fill: Option<f64>,
     /// Leave cells that fewer than two views confirm as nodata
     ///
-    /// By default they are filled in from the cells around them; confidence.tif has fewer than two views there.
+    /// By default they are filled in from the cells around them, and confidence.tif has fewer than two views there.
     #[arg(long, conflicts_with = "fill", help_heading = "Products")]
     no_fill: bool,
     /// Also write the shaded relief as a raster: RUN/hillshade.tif
@@ -59,16 +61,15 @@ pub struct Options {
     hillshade: bool,
     /// Also write the bare ground (RUN/dtm.tif) and the heights above it (RUN/ndsm.tif)
     ///
-    /// Buildings up to 120 m wide and trees are removed by morphological filters (SMRF, then PMF), and the ground under them is
-    /// interpolated. Both have the grid of dsm.tif, dtm.tif also its vertical reference.
+    /// Morphological filters (SMRF, then PMF) remove trees and buildings up to 120 m wide; the ground under them is interpolated.
     #[arg(long, hide_short_help = true, help_heading = "Products")]
     dtm: bool,
-    /// Also write the cells as a coloured point cloud (.laz or .las)
+    /// Also write the cells of dsm.tif as a coloured point cloud (.laz or .las)
     ///
     /// A relative path is resolved against RUN.
     #[arg(long, value_name = "FILE", value_parser = super::ending(&["laz", "las"]), hide_short_help = true, help_heading = "Products")]
     points: Option<PathBuf>,
-    /// Also write a mesh textured with the orthophoto (.glb)
+    /// Also write dsm.tif as a mesh textured with the orthophoto (.glb); `satgs mesh` makes one with walls
     ///
     /// A relative path is resolved against RUN.
     #[arg(long, value_name = "FILE", value_parser = super::ending(&["glb"]), hide_short_help = true, help_heading = "Products")]

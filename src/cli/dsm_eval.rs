@@ -7,7 +7,7 @@ use crate::report::{SCORE_NOTE, ScoreTable, expected_error_text, score_tables};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Score a surface model against lidar: errors after registration, by class, at edges, on slopes; error map
+/// Score a surface model against lidar: errors after registration, by class, at edges and by slope; error map
 #[derive(clap::Args)]
 #[command(after_help = "\
 Registrations of the surface model to the truth:
@@ -16,13 +16,13 @@ Registrations of the surface model to the truth:
   xyz  shifts in three dimensions to the smallest MAE
 dx, dy: offset in cells (columns, rows) at which the surface model is sampled; east, north, dz: the
 same as a shift of the surface model in metres (east = -dx cells, north = dy cells).
-Without classes water is scored like land. Completeness includes cells that are filled in; the row
-`confirmed` counts only cells that two views or more confirm. Compare MAEs of surface models only
-if their completeness is at least 0.99.
+Without classes water is scored like land. Completeness includes cells that were filled in; the row
+`confirmed` counts only cells that two views or more confirm. Compare MAEs only between surface models
+with a completeness of at least 0.99.
 
 Examples:
   satgs dsm-eval run/dsm.tif JAX_068_DSM.tif   (finds JAX_068_DSM.txt, JAX_068_CLS.tif by name)
-  satgs dsm-eval dsm.tif lidar.laz -o eval     (the highest point of every cell; map and figures)
+  satgs dsm-eval dsm.tif lidar.laz -o eval     (the highest point of every cell; map and charts)
   satgs dsm-eval dsm.tif lidar.tif --mask roofs.gpkg --truth-vertical EGM96")]
 pub struct Args {
     /// The surface model: a raster in a projected CRS in metres
@@ -33,7 +33,7 @@ pub struct Args {
     /// [default: confidence.tif beside the surface model, if it has the same cells]
     #[arg(long, value_name = "FILE")]
     confidence: Option<PathBuf>,
-    /// Folder for metrics.json, the error map (error.tif with a QGIS style, error.png) and figures, after registration xyz
+    /// Folder for metrics.json, the error map after registration xyz (error.tif with a QGIS style, error.png) and charts
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Replace files that are in the output folder
@@ -63,8 +63,8 @@ pub(super) struct TruthOptionArgs {
         help_heading = "Scoring"
     )]
     classes: Option<PathBuf>,
-    /// Score the inside and the outside of a mask separately: polygons (any vector file), or a raster on the truth's grid
-    /// of non-zero values inside
+    /// Score the inside and the outside of a mask separately: polygons (any vector file), or a raster on the truth's grid,
+    /// non-zero inside
     #[arg(long, value_name = "FILE", requires = "truth", hide_short_help = true, help_heading = "Scoring")]
     mask: Option<PathBuf>,
     /// Vertical reference of the truth's heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)

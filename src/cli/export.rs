@@ -10,16 +10,16 @@ use std::path::PathBuf;
 
 /// Export a run for other programs: a COLMAP project, splats in the formats of viewers, 3D Tiles for globes
 ///
-/// --colmap writes images/, sparse/0/ (cameras, images, points3D) and georef.json. Satellite views become pinhole cameras
-/// far away on their lines of sight, with images resampled to square pixels and cropped to the area; photographs are written
-/// without distortion, at the size of the training. COLMAP, gsplat, Brush and nerfstudio open them. Coordinates are metres
-/// east, north and up from the run's origin. For a satellite run `satgs ba` is enough.
+/// --colmap writes images/, sparse/0/ (cameras, images, points3D) and georef.json, which COLMAP, gsplat, Brush and nerfstudio open.
+/// Satellite views become pinhole cameras far away on their lines of sight, with images resampled to square pixels and cropped to
+/// the area; their coordinates are metres east, north and up from the run's origin; `satgs ba` is enough. Photographs are written
+/// undistorted, at the size of the training.
 ///
 /// --ply, --compressed-ply, --spz and --gltf write the splats, in the colours of the orthophoto, and NAME.georef.json with
 /// EPSG code and origin. Axes are x east, y north, z up in PLY files, and x east, y up, z south in SPZ and glTF; the unit is
 /// metres. `satgs info FILE` shows what they contain.
 ///
-/// --3dtiles writes tileset.json and its tiles for CesiumJS and other globes; RUN may have several tiles.
+/// --3dtiles writes tileset.json and its tiles for CesiumJS and other globes, also for a RUN of several tiles.
 #[derive(clap::Args, Clone, Debug)]
 #[command(group = clap::ArgGroup::new("form").required(true))]
 pub struct Args {
@@ -40,7 +40,7 @@ pub struct Args {
     /// Axes of --ply and --compressed-ply
     #[arg(long, value_enum, default_value = "3dgs", conflicts_with_all = ["colmap", "spz", "gltf", "tiles3d"])]
     variant: Variant,
-    /// Write the splats to this .spz file (version 3; positions in steps of 0.24 mm or less within 2 km)
+    /// Write the splats to this .spz file (version 3; positions in steps of at most 0.24 mm within 2 km of the origin)
     #[arg(long, value_name = "FILE", group = "form", value_parser = ending(&["spz"]))]
     spz: Option<PathBuf>,
     /// Write the splats to this .glb file with KHR_gaussian_splatting
@@ -52,7 +52,7 @@ pub struct Args {
     /// Write 3D Tiles 1.1 into this folder, which must be empty or new: tiles of splats with levels of detail, on the globe
     #[arg(long = "3dtiles", value_name = "DIR", group = "form")]
     tiles3d: Option<PathBuf>,
-    /// Copyright notice in --gltf and --3dtiles, which globes show
+    /// Copyright notice for --gltf and --3dtiles, which globes display
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["colmap", "ply", "compressed_ply", "spz"])]
     copyright: Option<String>,
     /// Replace the file, or what an earlier export wrote into the folder
@@ -73,7 +73,7 @@ enum Variant {
     /// All 62 columns of 3DGS, z up as in the run
     #[value(name = "3dgs")]
     Full,
-    /// The same with y down (x east, z north), which viewers of COLMAP scenes show upright
+    /// The same with x east, y down, z north: upright in viewers of COLMAP scenes
     YDown,
 }
 

@@ -22,11 +22,11 @@ const MATRIX_VIEWS: usize = 8;
 
 /// Show what a scene contains: views, cameras, sun positions, dates, convergence angles, overlap on the ground
 ///
-/// For a perspective scene (a COLMAP project, a transforms.json of instant-ngp or nerfstudio, RGB-D frames in the layout of
-/// 7-Scenes, a scene of LEVIR-NVS or ScanNet++) it shows views, lenses, points, reprojection errors and the extent.
+/// For photographs (a COLMAP project, a transforms.json of instant-ngp or nerfstudio, RGB-D frames in the layout of 7-Scenes, a
+/// scene of LEVIR-NVS or ScanNet++): views, lenses, points, reprojection errors and extent.
 ///
-/// For a splat file (.ply, .compressed.ply, .spz, .glb with KHR_gaussian_splatting) it shows the number of splats, their extent,
-/// axes and place on the map, for a tileset.json of 3D Tiles its tiles and levels of detail.
+/// For a splat file (.ply, .compressed.ply, .spz, .glb with KHR_gaussian_splatting): the number of splats, their extent, axes and
+/// place on the map. For a tileset.json of 3D Tiles: tiles and levels of detail.
 #[derive(clap::Args)]
 #[command(mut_arg("scene", |scene| scene.required(false).required_unless_present("devices")))]
 pub struct Args {
@@ -34,13 +34,13 @@ pub struct Args {
     scene: Option<SceneArgs>,
     #[command(flatten)]
     perspective: PerspectiveArgs,
-    /// List the GPUs that drivers offer, and what they lack for training
+    /// List the GPUs of this machine, and what each lacks for training
     #[arg(long, conflicts_with = "scene")]
     devices: bool,
-    /// Write the footprints of the images at the middle of the height range: GeoJSON, or GeoPackage if FILE ends in .gpkg
+    /// Write the footprints of the images, at the middle of the height range, as GeoJSON, or as GeoPackage (.gpkg)
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
-    /// Write a plot of the footprints, and a sky plot of satellites (blue) and suns (orange): north up, zenith in the centre
+    /// Write a plot of the footprints and a sky plot (satellites blue, suns orange, north up, zenith in the centre)
     #[arg(long, value_name = "FILE.svg", value_parser = super::ending(&["svg"]))]
     skyplot: Option<PathBuf>,
     /// Replace files that exist

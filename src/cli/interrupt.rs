@@ -37,7 +37,7 @@ fn on_signal(_: i32) {
     }
 }
 
-/// How long work that leaves a checkpoint may go on after the program that started it has gone.
+/// How long work that writes a checkpoint may continue after the program that started it has ended.
 const GRACE: Duration = Duration::from_secs(30);
 
 /// Stops the process as a signal does when standard input is closed, which happens when the program that holds its other

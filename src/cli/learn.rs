@@ -11,15 +11,15 @@ use std::path::{Path, PathBuf};
 
 /// Train the network with which `satgs predict` makes splats from points
 ///
-/// Towns are simulated one after the other. Points are drawn from their exact surfaces with the errors,
-/// holes and outliers of stereo matching, and thinned to 1 to 100 %. The network learns to predict
-/// splats whose renderings agree with images that it does not see. With --scenes a model is trained
+/// Simulates one town after the other. Points are drawn from its exact surface with the errors, holes
+/// and outliers of stereo matching, and thinned to 1 to 100 %. The network learns to predict splats
+/// whose renderings agree with images that are not its input. With --scenes a model is trained
 /// further, on points from the depth maps of photographs.
 ///
 /// The folder OUT.learn beside OUT.safetensors gets a line for each round (learn.csv), scores on
-/// validation towns (curves.svg) and by the share of points that is kept (points.csv, points.svg), a
-/// checkpoint, and the towns (7 MB each; they may be removed afterwards). After an interruption the same
-/// command continues and gives the same model.
+/// validation towns (curves.svg), scores by the share of points that was kept (points.csv,
+/// points.svg), a checkpoint, and the towns (7 MB each; you may remove them afterwards). After an
+/// interruption the same command continues and gives the same model.
 ///
 ///   satgs learn --print-config > learn.toml
 ///   satgs learn model.safetensors --config learn.toml
@@ -37,7 +37,7 @@ pub struct Args {
     /// ONNX for other programs; `satgs predict --model FILE.onnx` takes networks of the same form.
     #[arg(long, value_name = "FILE.safetensors|built-in")]
     from: Option<PathBuf>,
-    /// Train a model further on these perspective scenes, which have depth maps (RGB-D, LEVIR-NVS, ScanNet++)
+    /// Train a model further on these photographs with depth maps (RGB-D, LEVIR-NVS, ScanNet++)
     #[arg(long, value_name = "SCENE", num_args = 1..)]
     scenes: Vec<PathBuf>,
     #[command(flatten)]

@@ -6,18 +6,19 @@ use std::path::PathBuf;
 
 /// Make a mesh with walls and colours (.ply, .obj, .glb) of a run, or of a scene with depth maps
 ///
-/// Depth maps are fused in voxels into a truncated signed distance function (TSDF), whose zero surface is
-/// the mesh; its 50 largest pieces of at least 50 triangles are kept. The depth maps of a run are rendered
-/// in each training view, and for satellite images also from straight above; a scene has its own.
-/// Coordinates are those of the scene; for satellite images they are metres from the site's origin in
-/// FILE.georef.json beside the mesh.
+/// Depth maps are fused into a truncated signed distance function (TSDF) on voxels, whose zero surface
+/// is the mesh; its 50 largest pieces of at least 50 triangles are kept. The depth maps of a run are
+/// rendered in each training view, for satellite images also from straight above; a scene has its own.
+/// Coordinates are those of the scene; for satellite images, metres from the site's origin, which
+/// FILE.georef.json beside the mesh states.
 ///
-///   input                        voxel              truncation  greatest depth
-///   satellite run                0.5 m              2 m
-///   RGB-D, ScanNet++ (or a run)  0.02 m             0.08 m      5 m
-///   photographs from inside      largest depth/250  4 voxels    99.9 % quantile (run: 95 %)
-///   other photographs            largest depth/1024 4 voxels    twice the distance of the nearest
-///                                                               camera from the point all look at
+///   defaults                      --voxel            --depth-max
+///   satellite run                 0.5 m              no limit
+///   RGB-D, ScanNet++, their runs  0.02 m             5 m
+///   photographs from inside       95 % quantile of   99.9 % quantile of the depths (run: 95 %)
+///                                 the depths / 250
+///   other photographs             depth-max / 1024   twice the distance of the nearest camera from
+///                                                    the point that all cameras look at
 ///
 ///   satgs mesh run -o town.glb
 ///   satgs mesh kitchen -o reference.ply --voxel 0.01
@@ -30,13 +31,13 @@ pub struct Args {
     /// The mesh
     #[arg(short, long, value_name = "FILE", value_parser = ending(&["ply", "obj", "glb"]))]
     output: PathBuf,
-    /// Side of a voxel, metres [default: see above]
+    /// Side of a voxel, metres (the scene's unit) [default: see above]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     voxel: Option<f64>,
     /// Truncation distance of the TSDF, metres [default: 4 voxels]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     truncation: Option<f64>,
-    /// Leave out depths beyond this, metres [default: see above]; not for satellite runs
+    /// Leave out greater depths, metres; not for satellite runs [default: see above]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     depth_max: Option<f64>,
     /// Replace the mesh if it exists

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// triangles does not matter. Accuracy is the mean distance from the mesh to the reference,
 /// completeness the mean distance from the reference to the mesh, chamfer the mean of both. Precision
 /// and recall are the shares of these distances below the threshold, F1 their harmonic mean.
-/// With --views both are first cut to what the views see: they are rendered to depth maps and fused
+/// --views first cuts both meshes to what the views see: they are rendered to depth maps and fused
 /// again (voxels of 4 cm, truncation 12 cm, depths up to 5 m; satellite views: 1 m, 3 m, any depth).
 ///
 ///   satgs mesh-eval mesh.ply reference.ply --views kitchen
@@ -26,7 +26,7 @@ pub struct Args {
     /// Distance up to which a point counts as correct, metres
     #[arg(long, value_name = "METRES", default_value = "0.05", value_parser = parse_metres)]
     threshold: f64,
-    /// Cut both meshes to what the views of this run or scene see, which is in the frame of the reference
+    /// Cut both meshes to what the views of this run or scene see; it must be in the frame of the reference
     #[arg(long, value_name = "RUN_OR_SCENE")]
     views: Option<PathBuf>,
     /// Move the mesh by the similarity that fits the camera centres of this run or scene to those of --views
@@ -34,7 +34,7 @@ pub struct Args {
     /// For a mesh in another frame, such as COLMAP's. Cameras of images with the same name correspond.
     #[arg(long, value_name = "RUN_OR_SCENE", requires = "views")]
     align: Option<PathBuf>,
-    /// Write the mesh coloured by its errors (.ply, .obj, .glb): green 0, yellow at the threshold, red from twice the threshold on
+    /// Write the mesh coloured by its errors (.ply, .obj, .glb): green 0, yellow the threshold, red twice the threshold or more
     #[arg(long, value_name = "FILE", value_parser = ending(&["ply", "obj", "glb"]))]
     error_mesh: Option<PathBuf>,
     /// Replace the error mesh if it exists

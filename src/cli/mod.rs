@@ -38,6 +38,7 @@ mod train;
 mod view;
 
 pub use called::{arguments, call, read_scene};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
 pub use perspective_args::PerspectiveArgs;
@@ -46,10 +47,10 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 pub use ui::{StageSummary, Ui};
 
-/// Make a digital surface model, an orthophoto, corrected cameras and a Gaussian-splat model from a few satellite images
-/// with RPC cameras.
+/// Make a digital surface model, an orthophoto, corrected cameras and a Gaussian-splat model from satellite images with RPC
+/// cameras; a Gaussian-splat model and a mesh from photographs with known poses.
 ///
-/// `satgs run SCENE -o RUN` does everything; the other commands are its stages and tools around them.
+/// `satgs run SCENE -o RUN` runs all stages; the other commands are single stages, and tools.
 #[derive(Parser)]
 #[command(
     name = "satgs",
@@ -80,7 +81,7 @@ pub struct Common {
     /// Print the summary as one JSON object on standard output
     #[arg(long, global = true, help_heading = FOR_ALL)]
     json: bool,
-    /// Print every progress event as one JSON object a line on standard output, and the summary as the last one
+    /// Print each progress event as a line of JSON on standard output, and the summary as the last line
     #[arg(long, global = true, conflicts_with = "json", help_heading = FOR_ALL, hide_short_help = true)]
     events: bool,
     /// Print more: stages and timings (-v), details (-vv)
@@ -89,10 +90,10 @@ pub struct Common {
     /// Print errors only
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = FOR_ALL)]
     quiet: bool,
-    /// Number of threads [default: one for each core of the processor]; results do not depend on it
+    /// Number of threads, on which results do not depend [default: number of processor cores]
     #[arg(long, global = true, help_heading = FOR_ALL, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Print the usual options (-h), or all with details (--help)
+    /// Print the common options (-h), or all options with details (--help)
     #[arg(short, long, global = true, action = clap::ArgAction::Help, help_heading = FOR_ALL)]
     help: Option<bool>,
 }
@@ -102,6 +103,7 @@ enum Command {
     // In the order of the help, as in README.md.
     Info(info::Args),
     Run(Box<run::Args>),
+    #[command(mut_arg("scene", scene_args::of_satellites))]
     Ba(ba::Args),
     Train(train::Args),
     Dsm(dsm::Args),
@@ -116,6 +118,7 @@ enum Command {
     Mesh(mesh::Args),
     MeshEval(mesh_eval::Args),
     Export(export::Args),
+    #[command(mut_arg("scene", scene_args::of_satellites))]
     Plan(Box<plan::Args>),
     Tile(tile::Args),
     Mosaic(mosaic::Args),
@@ -207,6 +210,17 @@ fn run(command: &Command, ui: &Ui) -> Result<(), CliError> {
 fn parse_metres(text: &str) -> Result<f64, String> {
     let metres = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
     metres.ok_or_else(|| "expected metres, a number above 0".to_owned())
+}
+
+/// Accepts the names of values, which the help lists with what they are.
+fn named<T: Copy + Send + Sync + 'static>(
+    all: &'static [(T, &'static str, &'static str)],
+) -> impl TypedValueParser<Value = T> {
+    let names = all.iter().map(|(_, name, what)| PossibleValue::new(*name).help(*what));
+    PossibleValuesParser::new(names).try_map(move |given| {
+        let found = all.iter().find(|(_, name, _)| *name == given);
+        found.map(|(value, ..)| *value).ok_or_else(|| format!("`{given}` is none of the values"))
+    })
 }
 
 /// A summary as JSON.

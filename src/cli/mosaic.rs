@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 
 /// Join the tiles of a plan: writes RUN/dsm.tif, ortho.tif, confidence.tif, seams.gpkg and report.html
 ///
-/// Tiles that are not blended yet are blended first. Where tiles are not done there is no data, and failed.gpkg has their
-/// outlines and reasons. seams.gpkg has the differences of heights and colours along every seam.
+/// Blends tiles first that are not blended yet. Tiles that are not done are nodata; failed.gpkg has their outlines and reasons.
+/// seams.gpkg has the differences of heights and colours along every seam.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs plan`

@@ -7,12 +7,12 @@ use std::path::PathBuf;
 
 /// Score rendered images of a trained run against images that were held back from training: PSNR and SSIM
 ///
-/// Each view of the scene's test.txt is rendered with its own camera and sun, and compared with its image. Colours differ
-/// between dates: in runs of recipe `satgs`, --protocol chooses those of the rendering; other satellite runs fit the colours
-/// of the reference view linearly to the left half of the image and score the right half. Photographs are scored on whole
-/// images, as displayed, without a change of colours.
+/// Each test view is rendered with its own camera and sun, and compared with its image. Colours of satellite images differ between
+/// dates: in runs of recipe `satgs`, --protocol chooses those of the rendering; in other runs, the colours of the reference view are
+/// fitted linearly to the left half of the image, and the right half is scored. Photographs are scored on whole images, as
+/// displayed, without a fit of colours.
 ///
-/// SSIM has a window of 11 x 11 pixels; SSIM 3 has one of 3 x 3, as in the program of Sat-NeRF.
+/// SSIM has a window of 11 x 11 pixels, SSIM 3 one of 3 x 3, as in the code of Sat-NeRF.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`

@@ -8,7 +8,8 @@ use std::path::PathBuf;
 pub struct PerspectiveArgs {
     /// Where the scene lies on Earth: `exif`, the GPS positions of the photographs, or a file
     ///
-    /// The file is JSON with epsg, scale, rotation, translation, or has a line `EPSG:CODE` and lines `image easting northing height`.
+    /// The file is JSON with epsg, scale, rotation and translation, or a list: a line `EPSG:CODE`, then lines `image easting northing
+    /// height` [default: none, the scene stays in its own frame].
     #[arg(long, value_name = "exif|FILE", value_parser = parse_georeference, hide_short_help = true, help_heading = "Photographs")]
     pub georef: Option<GeoreferenceSource>,
     /// The images.
@@ -19,18 +20,15 @@ pub struct PerspectiveArgs {
 /// Which images of a perspective scene are read, and how large.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct ImageArgs {
-    /// Views to hold back for tests: every N-th image or those listed in a file
-    ///
-    /// `none` holds back none [default: every 8th, or the scene's own list].
+    /// Test views, which are not trained on: every N-th image, those that a file lists, or `none` [default: the scene's own list,
+    /// else every 8th]
     #[arg(long, value_name = "N|FILE|none", value_parser = parse_test_views, hide_short_help = true, help_heading = "Photographs")]
     pub test_views: Option<TestViews>,
-    /// Use images at 1/N of their size [default: 1]
+    /// Reduce images to 1/N of their width and height [default: 1]
     #[arg(long, value_name = "N", value_parser = ["1", "2", "4", "8"], hide_short_help = true, help_heading = "Photographs")]
     pub downsampling: Option<String>,
-    /// What transparent pixels of images mean: `empty`, nothing is there, or `unknown`
-    ///
-    /// Where nothing is there, the background shows; what is unknown is not compared [default: empty in transforms.json, otherwise
-    /// unknown].
+    /// Meaning of transparent pixels: `empty`, the background shows, or `unknown`, they are not compared [default: empty in
+    /// transforms.json, otherwise unknown]
     #[arg(long, value_name = "MEANING", value_parser = Transparency::NAMES, hide_short_help = true, help_heading = "Photographs")]
     pub transparent: Option<String>,
 }

@@ -10,9 +10,9 @@ use std::path::Path;
 
 /// Plan the tiles of a large scene: writes RUN/tiles.json with each tile's predicted time and memory
 ///
-/// Adjusts the scene first if RUN is not adjusted yet, because tiles need the heights of its sparse points. Then the area
-/// is cut into equal tiles of at most --core metres. `satgs run` makes all of them on this machine; on a cluster every tile
-/// is one job, `satgs tile run RUN ID`.
+/// Adjusts the scene first, unless RUN is adjusted already: tiles need the heights of its sparse points. Then cuts the area into
+/// equal tiles of at most --core metres. `satgs run` makes all of them on this machine; on a cluster every tile is one job,
+/// `satgs tile run RUN ID`.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: satgs plan scene -o run && jq -r '.tiles[].id' run/tiles.json")]
 pub struct Args {
@@ -22,7 +22,7 @@ pub struct Args {
     tiling: Options,
     #[command(flatten)]
     training: train::Options,
-    /// Side of a cell of the surface model in metres
+    /// Side of a cell of the surface model, metres
     #[arg(
         long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = parse_metres,
         help_heading = "Products"
@@ -32,7 +32,7 @@ pub struct Args {
     /// ellipsoid]
     #[arg(long, value_name = "REFERENCE", help_heading = "Products")]
     vertical: Option<String>,
-    /// Interpolate holes up to this width, metres [default: holes stay nodata]
+    /// Also interpolate across cells without any height, holes up to this width, metres [default: they stay nodata]
     #[arg(long, value_name = "M", help_heading = "Products")]
     fill: Option<f64>,
     /// Leave cells that fewer than two views confirm as nodata [default: they are filled in from the cells around them]
@@ -44,17 +44,17 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "tiling")]
 pub struct Options {
-    /// Largest side of a tile without its overlap, metres; an area up to 1.5 times as long is not cut
+    /// Largest side of the core of a tile, metres; an area of up to 1.5 times this side is not cut
     #[arg(long, default_value_t = PlanOptions::default().core_m, value_name = "M", value_parser = parse_metres,
         hide_short_help = true, help_heading = "Run")]
     pub core: f64,
-    /// Overlap: width of the ground around a tile that is trained too, metres; tiles are blended there
+    /// Width of the ground around the core that is trained, too, metres; tiles are blended there
     #[arg(long, default_value_t = PlanOptions::default().overlap_m, value_name = "M", value_parser = parse_metres,
         hide_short_help = true, help_heading = "Run")]
     pub overlap: f64,
-    /// Memory limit for the training of a tile, such as 3GB
+    /// Memory that the training of a tile may take, such as 3GB [default: no limit]
     ///
-    /// Tiles are halved until their predicted memory is below it [default: no limit].
+    /// Tiles are halved until their predicted memory is below it.
     #[arg(long, value_name = "SIZE", value_parser = parse_megabytes, hide_short_help = true, help_heading = "Run")]
     pub max_memory: Option<f64>,
 }

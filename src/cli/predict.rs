@@ -9,17 +9,17 @@ use std::path::PathBuf;
 
 /// Predict splats from points in one pass, in seconds instead of minutes of training (Point2GS)
 ///
-/// Takes the cameras of RUN (made by `satgs ba` or trained) and points of any source. Writes the run folder RUN2, on which
-/// `dsm`, `render`, `nvs-eval`, `mesh` and `view` work; `train` continues from its splats. Photographs need no
-/// adjustment: give the scene itself instead of RUN.
+/// Takes the cameras of RUN (adjusted or trained) and points of any source. Writes the run folder RUN2, on which `dsm`,
+/// `render`, `nvs-eval`, `mesh` and `view` work; `train` continues from its splats. Photographs need no adjustment: give the
+/// scene itself instead of RUN.
 ///
-/// Points within half a metre are merged and outliers dropped; the command prints how many. A network then predicts a splat
-/// every half metre of the surface and of walls between neighbouring heights (for photographs, every third of the distance
-/// between points), from the surrounding points and the images. It was trained on simulated towns; `satgs learn` trains
-/// others. For photographs, splats are flat ones without a network unless --model is given.
+/// Points within half a metre are merged and outliers removed; the command prints how many. A network then predicts splats from
+/// the surrounding points and the images: one every half metre of the surface and of walls between neighbouring heights (for
+/// photographs, every third of the distance between points). It was trained on simulated towns; `satgs learn` trains others. For
+/// photographs the default is flat splats without a network; --model names one.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Examples:
-  satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast && satgs nvs-eval fast
+  satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast
   satgs predict run --points lidar.laz -o fast && satgs train fast --iterations 500")]
 pub struct Args {
     /// Run folder with adjusted cameras, or a perspective scene (COLMAP, transforms.json, RGB-D, LEVIR-NVS, ScanNet++) or its run
@@ -35,13 +35,13 @@ pub struct Args {
     /// sparse points; for photographs the points of the scene, else those of its depth maps].
     #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
     points: Option<PathBuf>,
-    /// Do not move the points
+    /// Do not move the points onto the tie points
     ///
-    /// By default points of satellite scenes are moved onto the tie points, because an adjusted run may be off by some metres; the
-    /// command prints by how much. Points far from those of the scene are refused.
+    /// By default points of satellite scenes are moved, because an adjusted run may be off by some metres; the command prints by how
+    /// much. Points far from those of the scene are refused.
     #[arg(long, requires = "points")]
     keep_place: bool,
-    /// Model, made by `satgs learn`, or an ONNX network of your own
+    /// Model of `satgs learn`, or an ONNX network of your own
     ///
     /// The network must have the inputs and the output of `satgs learn OUT.onnx --from built-in` [default: the model that comes with
     /// satgs; for photographs none].
@@ -50,12 +50,12 @@ pub struct Args {
     /// ONNX network of image features (such as DINOv2) that the model was trained with (`satgs learn --image-features`)
     #[arg(long, value_name = "FILE.onnx", requires = "model")]
     image_features: Option<PathBuf>,
-    /// Make a splat from each point without a network, for comparison: isotropic, or flat along the surface
+    /// Make a splat of each point without a network, for comparison: isotropic, or flat along the surface
     #[arg(long, value_name = "KIND", conflicts_with = "model")]
     without_network: Option<Kind>,
     #[command(flatten)]
     perspective: PerspectiveArgs,
-    /// Replace a prediction in RUN2 that was made from other points or by another model
+    /// Replace a prediction in RUN2 of other points or of another model
     #[arg(long)]
     overwrite: bool,
 }

@@ -1,7 +1,6 @@
 //! `satgs prior`: maps of depths or normals of all images of a perspective scene.
 
 use super::perspective_args::ImageArgs;
-use super::train::PriorKind;
 use super::{CliError, Ui};
 use crate::pipeline::{PriorMapOptions, PriorMapSummary, prior_maps};
 use crate::prior::{DepthKind, PriorCommand, PriorContent, PriorMaker};
@@ -10,7 +9,7 @@ use std::path::PathBuf;
 /// Make depth or normal maps of the images of a perspective scene, with a network, a command or matching
 ///
 /// Training takes the folder as `--depth-prior DIR` or `--normal-prior DIR`. It holds NAME.npy for
-/// each image, prior.json, and made_from.json. The same command keeps the maps that are there: it
+/// each image, prior.json and made_from.json. The same command keeps the maps that are there: it
 /// continues after an interruption, and makes only the maps of new images.
 ///
 /// --model takes an ONNX file such as Depth Anything V2: the input is f32 [1, 3, rows, columns];
@@ -46,9 +45,9 @@ pub struct Args {
     /// Make normal maps, in camera axes (right, down, forward) with any signs [default: depth maps]
     #[arg(long)]
     normals: bool,
-    /// What the values of depths are, for prior.json [default: training finds it with the points of the scene]
-    #[arg(long, value_name = "KIND", conflicts_with = "normals")]
-    kind: Option<PriorKind>,
+    /// What the values of depth maps are, for prior.json [default: training estimates it from the points of the scene]
+    #[arg(long, value_name = "KIND", value_parser = super::named(&DepthKind::STATED), conflicts_with = "normals")]
+    kind: Option<DepthKind>,
     /// Make all maps again. By default maps from another network or command are an error
     #[arg(long)]
     overwrite: bool,
@@ -80,7 +79,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let options = PriorMapOptions {
         scene: args.images.options(),
         content: if args.normals { PriorContent::Normals } else { PriorContent::Depths },
-        kind: args.kind.map(DepthKind::from),
+        kind: args.kind,
         overwrite: args.overwrite,
     };
     let summary = prior_maps(&args.scene, &maker, &args.output, &options, ui)?;

@@ -9,10 +9,10 @@ use std::path::PathBuf;
 /// Render images of a trained run from any direction, under any sun
 ///
 /// A .png holds colours. A .tif holds red, green, blue (0 to 1) and the height of the surface in the
-/// pixel (m) as float32, with recipe satgs also the share of sunlight (0 to 1). With --like it has the
-/// corrected RPC of the view, with --view a map grid for ground at the height of the site's origin.
+/// pixel (m) as float32, with recipe satgs also the share of sunlight (0 to 1); it has the corrected
+/// RPC of the view (--like), or a map grid for ground at the height of the site's origin (--view).
 /// Angles are degrees, azimuths clockwise from north. With --frames the direction changes evenly to
-/// --view-to and the sun to --sun-to, with one numbered file per frame:
+/// --view-to and the sun to --sun-to, one numbered file per frame:
 ///
 ///   satgs render RUN --view 0,30 --view-to 360,30 --frames 90 -o orbit.png
 ///   satgs render RUN --view 0,0 --sun 95,20 --sun-to 265,20 --frames 60 -o day.png
@@ -33,27 +33,27 @@ pub struct Args {
     /// Use the camera, sun and colours of this view of the run
     #[arg(long, value_name = "VIEW", required_unless_present_any = ["view", "visibility"])]
     like: Option<String>,
-    /// Write the visibility of the pixels of this training view (recipe satgs): 1 where other images show the same, lower for
-    /// cars, clouds and the like
+    /// Write how far other images confirm each pixel of this training view (recipe satgs): 1 where they show the same, lower for
+    /// cars and clouds
     #[arg(long, value_name = "VIEW", conflicts_with_all = ["like", "view", "appearance", "date", "sun", "frames", "depth", "normals"])]
     visibility: Option<String>,
     /// Direction from the scene to the camera: azimuth and angle off nadir; colours are those of the reference view (the training
     /// view nearest to nadir with a high sun)
     #[arg(long, value_name = "AZIMUTH,OFF_NADIR", value_parser = direction, conflicts_with = "like")]
     view: Option<[f64; 2]>,
-    /// The colours of this training view (recipe satgs)
+    /// Use the colours of this training view (recipe satgs)
     #[arg(long, value_name = "VIEW", conflicts_with = "date")]
     appearance: Option<String>,
-    /// The colours at this date, and the sun at its --time (recipe satgs)
+    /// Use the colours of this date, and the sun at its --time (recipe satgs)
     #[arg(long, value_name = "YYYY-MM-DD", value_parser = date)]
     date: Option<f64>,
-    /// The date of the last frame
+    /// Date of the last frame
     #[arg(long, value_name = "YYYY-MM-DD", value_parser = date, requires_all = ["date", "frames"])]
     date_to: Option<f64>,
-    /// The time of day of --date, UTC [default: the median of the training views]
+    /// Time of day of --date, UTC [default: the median of the training views]
     #[arg(long, value_name = "HH:MM", value_parser = time, requires = "date")]
     time: Option<f64>,
-    /// The time of day of the last frame
+    /// Time of day of the last frame, UTC
     #[arg(long, value_name = "HH:MM", value_parser = time, requires_all = ["date", "frames"])]
     time_to: Option<f64>,
     /// Position of the sun [default: that of --date, else that of the view with --like, else no shadows]

@@ -7,14 +7,14 @@ use crate::run::{RunOptions, StageResult, run as run_all};
 use crate::splat::recipe::Recipe;
 use std::path::{Path, PathBuf};
 
-/// Do everything: adjust, train, render, score if --truth is given, and write a report
+/// Run all stages: adjust, train, render, score if --truth is given, and write a report
 ///
 /// Stages in RUN that were made from the same input and options are kept: the same command continues an interrupted run. An area
-/// larger than --core is cut into tiles, which are made one after the other and blended (RUN/tiles, RUN/mosaic,
-/// RUN/seams.gpkg).
+/// with a side of more than 1.5 times --core is cut into tiles, which are trained one after the other and blended (RUN/tiles,
+/// RUN/mosaic, RUN/seams.gpkg).
 ///
-/// A perspective scene (a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS, ScanNet++) is trained with recipe `3dgs`,
-/// held-back views are scored, and with --georef a surface model is made.
+/// Photographs are trained with recipe `3dgs`, without adjustment; held-back views are scored, and with --georef a surface
+/// model is rendered.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
@@ -27,7 +27,7 @@ pub struct Args {
     tiling: plan::Options,
     /// Score dsm.tif against this surface model or point cloud
     ///
-    /// Any GDAL raster, DFC2019's .tif with its .txt, or points (.las, .laz).
+    /// A raster in a projected CRS in metres, DFC2019's .tif with its .txt, or points (.las, .laz).
     #[arg(long, value_name = "DSM", help_heading = "Scoring")]
     truth: Option<PathBuf>,
     #[command(flatten)]

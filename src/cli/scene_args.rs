@@ -28,28 +28,37 @@ pub struct SceneArgs {
     pub suns: Vec<(String, Sun)>,
     /// Area of interest: a box in degrees, or a GeoJSON polygon
     ///
-    /// Only the parts of images that may show it are read [default: the ground that at least three views see, or two if there are
-    /// only two or three].
+    /// Only the parts of images that may show it are read [default: the ground that at least three views see; two, in a scene of two
+    /// or three views].
     #[arg(long, value_name = "W,S,E,N|FILE", allow_hyphen_values = true, help_heading = "Input")]
     pub aoi: Option<String>,
-    /// Bands to use, counted from 1: three as red, green, blue, or one [default: the first three]
+    /// Bands to use, counted from 1: three as red, green, blue, or one [default: those that the file declares as such, else
+    /// the first three]
     #[arg(long, value_name = "R,G,B", value_parser = parse_bands, hide_short_help = true, help_heading = "Input")]
     pub bands: Option<Bands>,
-    /// Contrast stretch: percentage of pixels that are clipped at each end of the values [default: 0.5, 0 for 8-bit images]
+    /// Contrast stretch: percentage of pixels to clip at each end of the histogram [default: 0.5; 8-bit images: 0]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent, hide_short_help = true, help_heading = "Input")]
     pub stretch: Option<f64>,
-    /// Display gamma of the images: 1 if values are proportional to light, 2.2 if they were made for a screen
+    /// Display gamma of the images: 1 if values are proportional to radiance, 2.2 if they were made for a screen
     ///
-    /// Pixel values are linearised (value^GAMMA) before training and matching. `auto` uses 2.2 for 8-bit images that are bright in
-    /// sunlight and in shadow, such as DFC2019's, else 1; `satgs ba` prints which.
+    /// Pixel values are linearised (value^GAMMA) before matching and training. `auto` takes 2.2 for 8-bit images whose shadows are
+    /// bright, too, such as DFC2019's, else 1; `satgs info` and `satgs ba` print which.
     #[arg(long, value_name = "GAMMA|auto", default_value = "auto", value_parser = parse_gamma,
         hide_short_help = true, help_heading = "Input")]
     pub gamma: Gamma,
-    /// Use the first RPC found for an image even if it seems to belong to another image
+    /// Use the first RPC found for an image, even if it seems to belong to another image
     ///
-    /// For example one of another size, or the raw sensor image from which this image was orthorectified.
+    /// For example to an image of another size, or to the raw image from which this one was orthorectified.
     #[arg(long, hide_short_help = true, help_heading = "Input")]
     pub trust_rpc: bool,
+}
+
+/// The argument SCENE of commands that refuse photographs.
+pub(super) fn of_satellites(scene: clap::Arg) -> clap::Arg {
+    scene.help("Folder of images with RPCs, or list of views").long_help(
+        "Folder of images with RPCs, or list of views\n\nRPCs lie in the files, beside them as delivered by the vendor, or in \
+         folders beside `images/`. A list of views is TOML with `[[view]]` tables, a STAC Item or an ItemCollection.",
+    )
 }
 
 /// The transfer function of `--gamma`; none for `auto`.

@@ -18,12 +18,12 @@ use std::path::PathBuf;
 /// position. OUT/truth gets the exact DSM, bare ground and classes (DFC2019's codes) of a town, the true RPCs and the
 /// pointing errors. The same options give the same bytes.
 ///
-/// --seasons, --cars and --held-out are for methods that explain how images of one place differ. With any of them,
+/// --seasons, --cars and --held-out are for methods that model how images of one place differ. With any of them,
 /// OUT/truth/appearance gets three pictures for every image, pixel by pixel: NAME_sunlit.png (share of sunlight at the
 /// surface: 255 in full sun, 0 in shadow), NAME_cars.png (255 on moving cars and their shadows) and NAME_clean.png (the image
 /// without cars and noise), and views.json with the gains, haze and colours of every date.
 ///
-/// --room and --aerial make photographs with pinhole cameras instead: OUT/images, a COLMAP model in OUT/sparse/0, the exact
+/// --room and --aerial make photographs of pinhole cameras instead: OUT/images, a COLMAP model in OUT/sparse/0, the exact
 /// depths, normals and mesh in OUT/truth, and in OUT/priors depths and normals with smooth errors, as networks give them.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("photographs"))]
@@ -63,19 +63,19 @@ pub struct Args {
     /// OUT/test.txt all others, which --test-views of `satgs run` takes. There are 300 points with errors of about 0.3 m.
     #[arg(long, group = "photographs")]
     aerial: bool,
-    /// Look at a mountain without buildings instead: ridges, gullies, rock, scree and snow, slopes up to about 50 degrees
+    /// Simulate a mountain without buildings instead: ridges, gullies, rock, scree and snow, slopes up to about 50 degrees
     ///
     /// Images have 16 bits, of which 12 are used, so that snow is neither saturated nor without texture.
     #[arg(long, conflicts_with_all = ["photographs", "hilly", "cars"])]
     mountains: bool,
-    /// Look at this surface instead, to plan an acquisition: a north-up raster of heights in a projected CRS in metres
+    /// Simulate images of this surface instead, to plan an acquisition: a north-up raster of heights in a projected CRS in metres
     ///
-    /// Images are centred on its middle, and show as much of it as --size allows. Where it has no heights, and beyond its borders,
-    /// images and the exact surface have no data. Cars drive on grey level ground, and green ground changes with the season.
+    /// Images are centred on its middle, and show as much of it as --size allows. Images and the exact surface are nodata where it has
+    /// no heights, and beyond its borders. Cars drive on grey level ground, and green ground changes with the season.
     #[arg(long, value_name = "DSM.tif", conflicts_with_all = ["photographs", "hilly", "mountains"])]
     surface: Option<PathBuf>,
-    /// Picture of the ground of --surface, in its CRS: one band, or red, green and blue; shadows in it stay
-    /// [default: a plain texture, also where the picture shows nothing]
+    /// Picture of the ground of --surface, in its CRS: one band, or red, green and blue; its shadows remain
+    /// [default: a plain texture, also where the picture is nodata]
     #[arg(long, value_name = "ORTHO.tif", requires = "surface")]
     texture: Option<PathBuf>,
     /// Vertical reference of --surface: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
@@ -117,7 +117,7 @@ pub struct Args {
     /// 33 degrees high, so that dates go from mid-February to the end of October.
     #[arg(long, conflicts_with = "photographs")]
     seasons: bool,
-    /// Percent of the pixels of every image that show a moving car or its shadow, 0 to 8 [default: light traffic, 1 to 2]
+    /// Share of pixels that show a moving car or its shadow, percent of every image, 0 to 8 [default: light traffic, 1 to 2]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, conflicts_with = "photographs")]
     cars: Option<f64>,
     /// Make N more images, TEST_01.tif and so on, that OUT/test.txt holds back from training

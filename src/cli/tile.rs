@@ -9,11 +9,11 @@ use clap::Subcommand;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Make one tile of a plan: the jobs that a cluster runs
+/// Make one tile of a plan: the jobs of a cluster
 ///
-/// `satgs plan` writes the plan. Each job is one command that can be repeated: what is done is kept, an interrupted job
-/// continues from its checkpoint, and the results depend on the plan alone. Exit codes: 0 done, 1 failed, try again; 2
-/// wrong input, do not try again; 75 the machine has too little memory or disk; 130 interrupted.
+/// `satgs plan` writes the plan. Every job can be repeated: what is done is kept, an interrupted job continues from its
+/// checkpoint, and the results depend on the plan alone. Exit codes: 0 done; 1 failed, try again; 2 wrong input, do not try
+/// again; 75 too little memory or disk, try a larger machine; 130 interrupted, try again.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -48,7 +48,7 @@ struct TileArgs {
 /// How a job is supervised.
 #[derive(clap::Args, Clone, Debug)]
 pub struct JobArgs {
-    /// Stop when standard input is closed, so that no job outlives the program that started it
+    /// Stop when standard input is closed, so that the job does not outlive the program that started it
     #[arg(long)]
     exit_with_parent: bool,
 }
@@ -66,7 +66,7 @@ struct RunArgs {
 struct BlendArgs {
     #[command(flatten)]
     tile: TileArgs,
-    /// ID of a neighbour that failed, and is left out; repeatable
+    /// ID of a neighbour that failed: blend without it; repeatable
     #[arg(long, value_name = "ID")]
     without: Vec<String>,
 }

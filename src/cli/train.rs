@@ -1,6 +1,6 @@
 //! `satgs train`: cameras, splats, training.
 
-use super::{CliError, Ui};
+use super::{CliError, Ui, named};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
 use crate::prior::{DepthKind, InpaintCommand, PriorSource, PriorSources};
 use crate::run_files::SPLATS;
@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: writes RUN/splats.ply and RUN/cameras.json
 ///
-/// Fits quadratic cameras to the RPCs that `satgs ba` corrected, places the first splats and optimises them on the images,
-/// with cast shadows. Splats start on a surface from multi-view stereo (recipe `best`), at the sparse points (`baeogs`),
-/// or at random in the scene's volume (`eogs`). Views without a sun position are trained without shadows.
+/// Fits quadratic cameras to the corrected RPCs of `satgs ba`, initialises splats and optimises them on the images, with cast
+/// shadows. Splats start on a surface from multi-view stereo (recipe `best`), at the sparse points (`baeogs`), or at random in
+/// the scene's volume (`eogs`). Views without a sun position are trained without shadows.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
-    /// Run folder of `satgs ba`
+    /// Run folder: of `satgs ba` or `satgs predict`, or of photographs
     #[arg(required_unless_present = "print_recipe")]
     run: Option<PathBuf>,
     /// Print a recipe as TOML and exit: a template for recipes of your own
@@ -24,53 +24,9 @@ pub struct Args {
     print_recipe: Option<String>,
     #[command(flatten)]
     options: Options,
-    /// Train again. By default splats from the same input and options are kept, and others are an error
+    /// Train again. By default splats of the same input and options are kept, and any others are an error
     #[arg(long)]
     overwrite: bool,
-}
-
-/// Kinds of splats.
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum Primitive {
-    /// Ellipsoids
-    #[value(name = "3d")]
-    Ellipsoid,
-    /// Flat discs
-    #[value(name = "2d")]
-    Disc,
-}
-
-impl From<Primitive> for PrimitiveKind {
-    fn from(primitive: Primitive) -> Self {
-        match primitive {
-            Primitive::Ellipsoid => Self::Ellipsoid,
-            Primitive::Disc => Self::Disc,
-        }
-    }
-}
-
-/// What the values of depths are.
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-pub enum PriorKind {
-    /// Depths in the unit of the scene
-    Metric,
-    /// Depths in the unit of the scene, as exact as those of a sensor: they are taken as they are
-    Measured,
-    /// Depths up to a scale and a shift, larger where the scene is farther
-    Relative,
-    /// Inverse depths up to a scale and a shift, larger where the scene is nearer
-    Disparity,
-}
-
-impl From<PriorKind> for DepthKind {
-    fn from(kind: PriorKind) -> Self {
-        match kind {
-            PriorKind::Metric => Self::Metric,
-            PriorKind::Measured => Self::Measured,
-            PriorKind::Relative => Self::Relative,
-            PriorKind::Disparity => Self::Disparity,
-        }
-    }
 }
 
 /// Points to start from.
@@ -78,11 +34,11 @@ impl From<PriorKind> for DepthKind {
 enum Start {
     /// The points of the scene
     Scene,
-    /// The points of the scene, and more where views have few (IndoorSplat)
+    /// The points of the scene, and more in parts of views that have few (IndoorSplat)
     Patches,
-    /// A point behind each pixel (GeoProp-GS)
+    /// A point for each pixel of the views, at its depth (GeoProp-GS)
     Hdd,
-    /// As hdd, and points in places that only cameras beside the views would see (GeoProp-GS)
+    /// As hdd, and points that no view sees, but cameras between the views would (GeoProp-GS)
     Gva,
     /// Splats predicted from the matched surface, else from the points of the scene (Point2GS)
     Predict,
@@ -107,28 +63,28 @@ impl Start {
 pub struct Options {
     /// Recipe, such as `best` or `satgs`, or a TOML file
     ///
-    /// `best` is for heights; `baeogs` and `eogs` follow the papers; `satgs` adds colours for any date and sun, `satgs-fast` in a
-    /// quarter of the iterations. For photographs: `3dgs` trains ellipsoids, `2dgs` flat discs for surfaces, `indoor` is for rooms,
-    /// `geoprop` for three to ten aerial views [default: `best`, for photographs `3dgs`].
+    /// For satellite images: `best` is for heights, `baeogs` and `eogs` follow the papers, `satgs` adds colours for any date and sun,
+    /// `satgs-fast` in a quarter of the iterations. For photographs: `3dgs` trains ellipsoids, `2dgs` flat discs for surfaces,
+    /// `indoor` is for rooms, `geoprop` for three to ten aerial views [default: `best`; for photographs `3dgs`].
     #[arg(long, value_name = "NAME|FILE", help_heading = "Training")]
     recipe: Option<String>,
     /// Kind of splats [default: the recipe's]
-    #[arg(long, value_name = "3d|2d", hide_short_help = true, help_heading = "Training")]
-    primitive: Option<Primitive>,
+    #[arg(long, value_name = "KIND", value_parser = named(&PrimitiveKind::NAMED), hide_short_help = true, help_heading = "Training")]
+    primitive: Option<PrimitiveKind>,
     /// Points that training starts from [default: the recipe's]
     ///
-    /// `scene`, `patches`, `hdd` and `gva` are for photographs. `hdd` and `gva` put a point behind each pixel, at the depth of
-    /// --depth-prior, or at a depth interpolated between the points that the view sees.
+    /// All but `predict` are for photographs. `hdd` and `gva` take depths from --depth-prior, else interpolate them between the points
+    /// that the view sees.
     #[arg(long, value_name = "POINTS", hide_short_help = true, help_heading = "Training")]
     start: Option<Start>,
-    /// Start from points of the reference depth maps of LEVIR-NVS and ScanNet++, in scenes without points
+    /// In scenes without points, start from points of the reference depth maps of LEVIR-NVS and ScanNet++
     ///
-    /// --depth-prior is aligned with these points, too.
+    /// --depth-prior is aligned with these points, too. By default training does not use reference depth maps.
     #[arg(long, hide_short_help = true, help_heading = "Training")]
     reference_points: bool,
     /// Number of iterations [default: the recipe's]
     ///
-    /// The schedule is scaled in proportion.
+    /// The recipe's schedule is scaled in proportion.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = "Training")]
     iterations: Option<u32>,
     /// Stop at the matched surface: heights, orthophoto, confidence
@@ -139,9 +95,9 @@ pub struct Options {
     /// Seed of all random numbers; the same seed gives the same bytes
     #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Run", hide_short_help = true)]
     seed: u64,
-    /// Device that trains: auto, cpu, gpu, or gpu:N for the device of a number
+    /// Device that trains: auto, cpu, gpu, or gpu:N for device N of `satgs info --devices`
     ///
-    /// `auto` takes a GPU for what one can train, recipes `best`, `baeogs`, `eogs` and `3dgs`, else the processor. `satgs info --devices` lists devices.
+    /// `auto` takes a GPU for recipes that one can train (`best`, `baeogs`, `eogs`, `3dgs`), else the processor.
     #[arg(long, value_name = "DEVICE", default_value_t = DeviceChoice::Auto, help_heading = "Run", hide_short_help = true)]
     device: DeviceChoice,
     /// Iterations between checkpoints; an interrupted training continues from the last one
@@ -152,10 +108,10 @@ pub struct Options {
     checkpoint_every: u32,
     /// Fail unless there is a checkpoint to continue from
     ///
-    /// By default training continues from a checkpoint if there is one, else it starts from the beginning.
+    /// By default training continues from a checkpoint if there is one, and otherwise starts from the beginning.
     #[arg(long, help_heading = "Run", hide_short_help = true)]
     resume: bool,
-    /// Number of pictures of the training's progress in RUN/train/snapshots [default: none]
+    /// Number of pictures to write during training, to RUN/train/snapshots [default: 0]
     ///
     /// Each shows image, rendering, shadows, altitudes and errors of one view.
     #[arg(
@@ -167,45 +123,45 @@ pub struct Options {
         help_heading = "Training"
     )]
     snapshots: u32,
-    /// ONNX network of image features, such as DINOv2, with which recipe satgs finds cars and other passing things
+    /// For recipe satgs: ONNX network of image features, such as DINOv2, to find cars and other transient objects
     ///
-    /// It gives a feature vector for each patch of an image. Where the vectors of an image and of its rendering differ, the image
-    /// counts less [default: features that need no network].
+    /// It gives a feature vector for each patch of an image. Patches whose vectors differ between image and rendering count less
+    /// [default: features that need no network].
     #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     features: Option<PathBuf>,
-    /// Network for the perceptual loss (LPIPS) of recipe satgs
-    ///
-    /// A safetensors file made by scripts/fetch-weights [default: train without this loss].
+    /// For recipe satgs: network of the perceptual loss (LPIPS), a safetensors file made by scripts/fetch-weights [default:
+    /// train without this loss]
     #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     lpips: Option<PathBuf>,
-    /// Depths of the images, for recipes indoor and geoprop: a folder, an ONNX network, a command, or `stereo`
+    /// Depth maps of the images, for recipes indoor and geoprop: a folder, an ONNX network, a command, or `stereo`
     ///
-    /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network estimates depths from an image, as Depth Anything V2
-    /// does. A command writes the map {out} of the image {image}, for example 'python3 depth.py {image} {out}'. `stereo` matches
-    /// the images with each other. Maps are kept in RUN/priors; `satgs prior` makes them once for several runs [default: the depth
-    /// maps of RGB-D frames, else stereo; for recipe geoprop none].
+    /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network, such as Depth Anything V2, estimates depths from one
+    /// image. A command writes the map {out} of the image {image}, for example 'python3 depth.py {image} {out}'. `stereo` matches the
+    /// images with each other. Maps are kept in RUN/priors; `satgs prior` makes them once for several runs [default: the depth maps of
+    /// RGB-D frames, else `stereo`; for recipe geoprop none].
     #[arg(long, value_name = "DIR|FILE.onnx|CMD|stereo", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     depth_prior: Option<PriorSource>,
-    /// What the values of --depth-prior are [default: as its prior.json says, else found with the points of the scene]
+    /// What the values of --depth-prior are [default: as its prior.json says, else estimated from the points of the scene]
     #[arg(
         long,
         value_name = "KIND",
+        value_parser = named(&DepthKind::STATED),
         requires = "depth_prior",
         hide_short_help = true,
         help_heading = "Training"
     )]
-    prior_kind: Option<PriorKind>,
-    /// Surface normals of the images, for recipe indoor: a folder, an ONNX network or a command
+    prior_kind: Option<DepthKind>,
+    /// Normal maps of the images, for recipe indoor: a folder, an ONNX network or a command, as for --depth-prior
     ///
-    /// As --depth-prior. Normals may be in axes of the camera or of the world, with any signs: the convention is found with the points
-    /// of the scene [default: computed from the depth maps of RGB-D frames, else train without].
+    /// Normals may be in camera or world axes, with any signs: the convention is estimated from the points of the scene [default:
+    /// computed from the depth maps of RGB-D frames, else train without].
     #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse, hide_short_help = true, help_heading = "Training")]
     normal_prior: Option<PriorSource>,
-    /// Command that paints what no view sees, for --start gva and recipe geoprop
+    /// For --start gva and recipe geoprop: command that paints what no view sees
     ///
-    /// Example: 'python3 inpaint.py {rgb} {mask} {out}'. It is called for renderings from cameras beside the views: {rgb} is the
-    /// picture, {mask} is white where nothing is seen, {depth} holds depths (.npy), {out} is the PNG to write [default: such places
-    /// take the colours of their surroundings].
+    /// Example: 'python3 inpaint.py {rgb} {mask} {out}'. It is called for each rendering from a camera between the views: {rgb} is the
+    /// rendering (PNG), {mask} is white where no view sees the scene, {depth} holds depths (.npy), {out} is the PNG to write
+    /// [default: the colours of the surroundings].
     #[arg(long, value_name = "CMD", value_parser = InpaintCommand::parse, hide_short_help = true, help_heading = "Training")]
     inpaint: Option<InpaintCommand>,
 }
@@ -215,7 +171,7 @@ impl Options {
     pub fn options(&self, default_recipe: &str, overwrite: bool) -> TrainOptions {
         TrainOptions {
             recipe: self.recipe.clone().unwrap_or_else(|| default_recipe.into()),
-            primitive: self.primitive.map(PrimitiveKind::from),
+            primitive: self.primitive,
             start: self.start.and_then(Start::points),
             predict: matches!(self.start, Some(Start::Predict)),
             reference_points: self.reference_points,
@@ -231,7 +187,7 @@ impl Options {
             lpips: self.lpips.clone(),
             priors: PriorSources {
                 depths: self.depth_prior.clone(),
-                kind: self.prior_kind.map(DepthKind::from),
+                kind: self.prior_kind,
                 normals: self.normal_prior.clone(),
             },
             inpaint: self.inpaint.clone(),

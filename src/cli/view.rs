@@ -7,14 +7,13 @@ use std::process::{Command, Stdio};
 
 /// Show a run in the browser: splats, mesh, surface model, sparse points and cameras
 ///
-/// On the page you can turn the scene, switch layers, read map coordinates under the pointer and measure between two points.
-/// It is served only to this machine, until Ctrl-C; nothing is loaded from the network. With --html it is one file, which
-/// opens without satgs.
+/// The page turns the scene, switches layers, shows map coordinates under the pointer and measures between two points. It is served
+/// to this machine only, until Ctrl-C, and loads nothing from the network. With --html it is one file that opens without satgs.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`, or of a tile
     run: PathBuf,
-    /// Write the page to this file (.html) in place of serving it
+    /// Write the page to this file (.html) instead of serving it
     #[arg(long, value_name = "FILE", value_parser = ending(&["html", "htm"]))]
     html: Option<PathBuf>,
     /// Replace the file if it exists
@@ -23,7 +22,7 @@ pub struct Args {
     /// Serve on this port of 127.0.0.1 [default: a free one]
     #[arg(long, value_name = "N", conflicts_with = "html", value_parser = clap::value_parser!(u16).range(1..))]
     port: Option<u16>,
-    /// Print the address and open no browser
+    /// Do not open a browser: only print the address
     #[arg(long, conflicts_with = "html")]
     no_open: bool,
 }

@@ -1,4 +1,4 @@
-//! What the heights of a surface model rest on, in numbers of cells.
+//! Numbers of cells of a surface model whose heights are confirmed, and filled in.
 
 use super::Dsm;
 use crate::io::{ImageFile, RasterError, Window};
@@ -20,7 +20,7 @@ pub fn is_confirmed(views: f32) -> bool {
     views >= CONFIRMING_VIEWS
 }
 
-/// Cells of a surface model by what their heights rest on: `with_height` is the sum of `confirmed` and `filled`.
+/// Numbers of cells of a surface model with confirmed and with filled heights: `with_height` is the sum of `confirmed` and `filled`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CellCounts {
     /// All cells of the grid.
@@ -99,7 +99,7 @@ impl CellCounts {
 }
 
 impl Dsm {
-    /// How many cells have a height, and what it rests on.
+    /// Numbers of cells with confirmed and with filled heights.
     #[must_use]
     pub fn counts(&self) -> CellCounts {
         let mut counts = CellCounts::default();

@@ -1,4 +1,4 @@
-//! The error that the heights of a surface model are expected to have.
+//! Expected errors of the heights of a surface model.
 //!
 //! Heights are wrong where they were filled in, more so in the middle of large holes, and beside steps, where the outlines of
 //! both sides are uncertain. The constants were chosen on four simulated towns of two views. On four others, of two and three

@@ -1,4 +1,4 @@
-//! Spikes of a matched surface: single heights that the cells around them deny.
+//! Spikes of a matched surface: single heights that the cells around them contradict.
 //!
 //! Matching compares windows of pixels, so that a surface which is real covers several cells. Where images have no texture, on
 //! water for example, views may agree on anything: single cells stand tens of metres above or below all others.

@@ -31,7 +31,7 @@ impl GeoidGrid {
         file.and_then(|file| Self::read(&file)).ok_or_else(refused)
     }
 
-    /// A grid that PROJ knows by the name of its file: in its folders of data, or inside of the library.
+    /// A grid that PROJ knows by the name of its file: in its data folders, or in the library.
     #[must_use]
     pub fn of_proj(name: &str) -> Option<Self> {
         Self::read(name)

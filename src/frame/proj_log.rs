@@ -1,4 +1,4 @@
-//! The messages that PROJ prints by itself.
+//! The messages that PROJ would print.
 
 use std::sync::Once;
 

@@ -24,7 +24,7 @@ impl KeptPieces {
 pub struct FuseOptions {
     /// Side of a voxel, metres.
     pub voxel_m: f64,
-    /// Distance from a surface up to which a depth map tells of it, metres.
+    /// Truncation distance of the TSDF, metres.
     pub truncation_m: f64,
     /// Depths of pinhole cameras beyond this are not used, metres.
     pub depth_max_m: Option<f64>,

@@ -1,4 +1,4 @@
-//! How well expected errors tell where a surface model is wrong.
+//! How well expected errors predict where a surface model is wrong.
 
 use crate::io::Grid2;
 use rayon::prelude::*;

@@ -28,7 +28,7 @@ pub struct RegisteredScores {
     pub east_m: f64,
     /// Metres the prediction is moved north.
     pub north_m: f64,
-    /// Standard deviation of `east_m`; none where the heights do not tell it, and of methods without a shift.
+    /// Standard deviation of `east_m`; none where the heights do not determine it, and for methods without a shift.
     pub east_sigma_m: Option<f64>,
     /// The same of `north_m`.
     pub north_sigma_m: Option<f64>,
@@ -63,7 +63,7 @@ pub struct Evaluation {
     pub water_cells: usize,
     /// Scores after each registration, in the order of [`Method::ALL`].
     pub registered_scores: Vec<RegisteredScores>,
-    /// How well the expected errors of the prediction tell its true ones after registration `xyz`; none without expected
+    /// How well the expected errors of the prediction predict the true ones after registration `xyz`; none without expected
     /// errors.
     pub expected_errors: Option<ErrorRanking>,
     /// Remarks that matter for the interpretation of the scores.
@@ -195,7 +195,7 @@ pub struct Evidence {
 }
 
 /// Scores `prediction` against `truth` with every registration. Where there is evidence, the cells that two views or more
-/// confirm and the others are scored apart too.
+/// confirm and the others are also scored separately.
 ///
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems

@@ -6,7 +6,7 @@ use crate::io::{Grid2, RgbImage, color_style, round_below};
 const FULL_COLOUR_M: f32 = 3.0;
 /// Longest side of the image, pixels.
 const LARGEST_SIDE: usize = 2048;
-/// Side from which on a map is large enough to be read by itself, pixels.
+/// Side of a map that is large enough without enlargement, pixels.
 const SMALLEST_SIDE: usize = 700;
 /// Width of the scale of colours, its height, the margins, and the height of all that stands below the map, pixels.
 const SCALE_PX: usize = 480;
@@ -52,7 +52,7 @@ pub struct ScaleWords {
 /// The words of errors.
 pub const ERRORS: ScaleWords = ScaleWords { below: "too low", above: "too high", missing: "not scored" };
 
-/// The image of an error map to be read by itself: [`error_picture`], enlarged if the map is small, over a scale of the colours
+/// An error map with its scale: [`error_picture`], enlarged if the map is small, over a scale of the colours
 /// and of lengths. `cell_m` is the side of a cell on the ground, metres.
 #[must_use]
 pub fn error_figure(errors: &Grid2, cell_m: f64, words: &ScaleWords) -> RgbImage {

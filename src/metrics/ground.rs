@@ -1,4 +1,4 @@
-//! Lengths on the ground of steps on the grid of a truth, whose unit may be no metre and whose axes may be turned.
+//! Lengths on the ground of steps on the grid of a truth, whose unit may not be the metre and whose axes may be rotated.
 
 use crate::frame::{FrameError, map_step, metres_of_unit, utm_of_map};
 use crate::io::MapGrid;

@@ -21,11 +21,11 @@ const ERROR_COLORS: [[f64; 3]; 3] = [[26.0, 152.0, 80.0], [255.0, 255.0, 191.0],
 /// Scores of a mesh against a reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MeshScores {
-    /// Distance up to which a place counts as right, metres.
+    /// Distance up to which a point counts as correct, metres.
     pub threshold_m: f64,
-    /// Mean distance from a place on the mesh to the reference, metres.
+    /// Mean distance from the mesh to the reference, metres.
     pub accuracy_m: f64,
-    /// Mean distance from a place on the reference to the mesh, metres.
+    /// Mean distance from the reference to the mesh, metres.
     pub completeness_m: f64,
     /// Mean of accuracy and completeness, metres.
     pub chamfer_m: f64,
@@ -79,7 +79,7 @@ pub fn mesh_scores(
     })
 }
 
-/// The mesh in colours of the distance of its vertices to the reference: green for none, yellow at the threshold, red from
+/// The mesh coloured by the distance of its vertices to the reference: green for none, yellow at the threshold, red from
 /// twice the threshold on.
 ///
 /// # Errors

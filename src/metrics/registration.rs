@@ -46,7 +46,7 @@ pub struct Registration {
     pub dy_cells: f64,
     /// Metres added to the prediction.
     pub dz_m: f64,
-    /// Standard deviation of `dx_cells`; none where the heights do not tell it, and of methods without a shift.
+    /// Standard deviation of `dx_cells`; none where the heights do not determine it, and for methods without a shift.
     pub dx_sigma_cells: Option<f64>,
     /// The same of `dy_cells`.
     pub dy_sigma_cells: Option<f64>,

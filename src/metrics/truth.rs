@@ -47,7 +47,7 @@ pub struct Truth {
     pub surface: HeightRaster,
     /// Class of every cell; none without classes.
     pub classes: Option<Vec<u8>>,
-    /// Whether each cell is inside of the mask; none without a mask.
+    /// Whether each cell is inside the mask; none without a mask.
     pub mask: Option<Vec<bool>>,
     /// Conversions that were made while reading, one sentence each.
     pub notes: Vec<String>,
@@ -58,7 +58,7 @@ pub struct Truth {
 pub struct TruthOptions<'a> {
     /// Class raster on the truth's grid; by default `X_CLS.tif` beside `X_DSM.tif`.
     pub classes: Option<&'a Path>,
-    /// Polygons, or a raster on the truth's grid that is not 0 inside.
+    /// Polygons, or a raster on the truth's grid, non-zero inside.
     pub mask: Option<&'a Path>,
     /// Vertical reference of the heights; by default the one that the file states.
     pub vertical: Option<VerticalReference>,

@@ -73,7 +73,7 @@ impl Drafts {
         }
     }
 
-    /// Says how many images have no mask in a folder of masks. That none has one is said of the folder itself.
+    /// Reports how many images have no mask in a folder of masks, unless none has one: that is reported for the folder.
     pub(super) fn say_which_lack_masks(&mut self, folder: &Path) {
         let mut without = self.views.iter().filter(|v| v.masks.is_empty());
         let (missing, of) = (without.clone().count(), self.views.len());

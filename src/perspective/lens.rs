@@ -41,19 +41,20 @@ pub enum LensModel {
     ThinPrismFisheye,
 }
 
-/// Number, name and number of parameters of each model, in the order of the numbers.
-const MODELS: [(LensModel, &str, usize); 11] = [
-    (LensModel::SimplePinhole, "SIMPLE_PINHOLE", 3),
-    (LensModel::Pinhole, "PINHOLE", 4),
-    (LensModel::SimpleRadial, "SIMPLE_RADIAL", 4),
-    (LensModel::Radial, "RADIAL", 5),
-    (LensModel::OpenCv, "OPENCV", 8),
-    (LensModel::OpenCvFisheye, "OPENCV_FISHEYE", 8),
-    (LensModel::FullOpenCv, "FULL_OPENCV", 12),
-    (LensModel::Fov, "FOV", 5),
-    (LensModel::SimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE", 4),
-    (LensModel::RadialFisheye, "RADIAL_FISHEYE", 5),
-    (LensModel::ThinPrismFisheye, "THIN_PRISM_FISHEYE", 12),
+/// Each model with its name, its number of focal lengths (one for both axes, or two), its number of distortion parameters, and
+/// whether it is a polynomial of the angle from the optical axis; in the order of COLMAP's numbers.
+const MODELS: [(LensModel, &str, usize, usize, bool); 11] = [
+    (LensModel::SimplePinhole, "SIMPLE_PINHOLE", 1, 0, false),
+    (LensModel::Pinhole, "PINHOLE", 2, 0, false),
+    (LensModel::SimpleRadial, "SIMPLE_RADIAL", 1, 1, false),
+    (LensModel::Radial, "RADIAL", 1, 2, false),
+    (LensModel::OpenCv, "OPENCV", 2, 4, false),
+    (LensModel::OpenCvFisheye, "OPENCV_FISHEYE", 2, 4, true),
+    (LensModel::FullOpenCv, "FULL_OPENCV", 2, 8, false),
+    (LensModel::Fov, "FOV", 2, 1, false),
+    (LensModel::SimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE", 1, 1, true),
+    (LensModel::RadialFisheye, "RADIAL_FISHEYE", 1, 2, true),
+    (LensModel::ThinPrismFisheye, "THIN_PRISM_FISHEYE", 2, 8, true),
 ];
 
 impl LensModel {
@@ -84,33 +85,24 @@ impl LensModel {
     /// Number of parameters of the model.
     #[must_use]
     pub fn parameters(self) -> usize {
-        MODELS[self as usize].2
+        let (_, _, focals, distortion, _) = MODELS[self as usize];
+        focals + 2 + distortion
     }
 
     /// Whether the first parameter is the focal length of both axes.
     fn has_one_focal(self) -> bool {
-        matches!(
-            self,
-            Self::SimplePinhole
-                | Self::SimpleRadial
-                | Self::Radial
-                | Self::SimpleRadialFisheye
-                | Self::RadialFisheye
-        )
+        MODELS[self as usize].2 == 1
     }
 
     /// Whether the model is a polynomial of the angle from the optical axis.
     fn is_fisheye(self) -> bool {
-        matches!(
-            self,
-            Self::OpenCvFisheye | Self::SimpleRadialFisheye | Self::RadialFisheye | Self::ThinPrismFisheye
-        )
+        MODELS[self as usize].4
     }
 
     /// Whether the lens shows a point where a pinhole camera would.
     #[must_use]
     pub fn is_pinhole(self) -> bool {
-        matches!(self, Self::SimplePinhole | Self::Pinhole)
+        MODELS[self as usize].3 == 0
     }
 }
 

@@ -26,7 +26,7 @@ const EXPECTED: &str = "expected a COLMAP project (cameras.bin or cameras.txt, i
 /// Largest spacing of coordinates of single precision as a share of the extent of the cameras.
 const COARSEST: f64 = 1e-4;
 
-/// Photographs with pinhole cameras of one place.
+/// Photographs of one place, with pinhole cameras.
 ///
 /// With a georeference, the frame of all positions is the site frame: metres east, north and up from an origin near the
 /// middle of the scene. Without one it is the frame of the file, whose axes and unit may be any, less [`PerspectiveScene::origin`].
@@ -178,7 +178,7 @@ impl PerspectiveScene {
         Self { origin: Some(origin), ..self }
     }
 
-    /// What is to be known of positions whose origin is not that of the file.
+    /// A note on positions whose origin is not that of the file.
     #[must_use]
     pub fn moved(&self) -> Option<String> {
         let [x, y, z] = self.origin?;
@@ -218,8 +218,7 @@ impl PerspectiveScene {
     }
 }
 
-/// The layout of a scene, by the names of its files. Remote folders are not looked at, because every name that is tried there
-/// is a request.
+/// The layout of a scene, by the names of its files. Remote folders are not searched: every name that is tried there is a request.
 fn layout_of(path: &Path) -> Option<Layout> {
     if vsi::is_remote(path) {
         None

@@ -27,9 +27,9 @@ use std::path::{Path, PathBuf};
 pub struct AdjustOptions {
     /// What is corrected in each camera.
     pub model: CorrectionModel,
-    /// Keep the cameras as they are, and only measure how well they agree.
+    /// Do not correct the cameras: compute tie points, and report how well the cameras agree.
     pub fixed: bool,
-    /// Lowest and highest height to search, metres above the ellipsoid; by default what the scene's metadata tell.
+    /// Lowest and highest height to search, metres above the ellipsoid; by default from the metadata of the images, else from the RPCs.
     pub height_range: Option<(f64, f64)>,
     /// An elevation model that gives the heights to search, instead of `height_range`.
     pub dem: Option<DemOptions>,
@@ -37,7 +37,7 @@ pub struct AdjustOptions {
     pub gcps: Option<PathBuf>,
     /// Names of reference views: their cameras are not corrected and define the datum.
     pub reference_views: Vec<String>,
-    /// Adjust again, whatever the run folder holds.
+    /// Adjust again, and replace results in the run folder.
     pub overwrite: bool,
 }
 
@@ -48,11 +48,11 @@ pub struct DemOptions {
     pub path: PathBuf,
     /// Vertical reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
     pub vertical: Option<String>,
-    /// Standard deviation, metres, with which it constrains the scene's height; without one it only limits the search.
+    /// Standard deviation, metres, with which it constrains the height of the scene; without one it only gives the height range.
     pub sigma_m: Option<f64>,
 }
 
-/// The figures of an adjustment.
+/// Result of an adjustment.
 #[derive(Clone, Debug, Serialize)]
 pub struct Adjusted {
     /// Residuals, shifts and views left out.

@@ -41,12 +41,12 @@ pub struct Aligned {
     pub reference: PathBuf,
     /// The shift and what it leaves.
     pub alignment: Coregistration,
-    /// Whether the run was moved: it is not where the shift is below a centimetre.
+    /// Whether the run was moved: shifts below a centimetre are not applied.
     #[serde(skip)]
     pub was_moved: bool,
 }
 
-/// Moves everything that a run holds by one shift (east, north, up) to where a reference says it is: all files or none.
+/// Aligns a run to a reference: one shift (east, north, up) of everything that it holds, all files or none.
 ///
 /// # Errors
 /// [`PipelineError`]: the run is not adjusted, is in use or its training is not complete, the reference cannot be read

@@ -19,7 +19,7 @@ const FILES: [&str; 5] = [DIFFERENCE, STYLE, PICTURE, REGIONS, SUMMARY];
 /// The words of the picture's scale.
 const WORDS: ScaleWords = ScaleWords { below: "lower", above: "higher", missing: "not known" };
 
-/// What counts as a change.
+/// Options of a comparison.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ChangesOptions {
     /// What counts as a change.

@@ -32,12 +32,12 @@ pub struct DsmOptions {
     /// Extent in the run's map projection: west, south, east and north, metres; by default the trained area. It is snapped
     /// outwards to whole cells.
     pub area: Option<(f64, f64, f64, f64)>,
-    /// A raster whose grid and extent are taken instead.
+    /// Use the grid and extent of this raster instead.
     pub like: Option<PathBuf>,
     /// Vertical reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
     /// `RUN/dsm.tif`, else the ellipsoid.
     pub vertical: Option<String>,
-    /// Fill holes up to this distance between cells with heights, metres.
+    /// Also interpolate across cells without any height, holes up to this width, metres.
     pub fill_m: Option<f64>,
     /// Leave cells that fewer than two views confirm as nodata, instead of filling them in from the cells around them.
     pub no_fill: bool,
@@ -49,7 +49,7 @@ pub struct DsmOptions {
     pub points: Option<PathBuf>,
     /// Also write a textured mesh (.glb). A relative path counts from the run folder.
     pub mesh: Option<PathBuf>,
-    /// Render again, whatever the run folder holds.
+    /// Render again, and replace a surface in the run folder.
     pub overwrite: bool,
 }
 
@@ -131,14 +131,14 @@ impl DsmOptions {
     }
 }
 
-/// The figures of a rendered surface.
+/// Result of rendering a surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DsmSummary {
     /// Grid of the rasters.
     pub grid: MapGrid,
     /// Vertical reference of the heights.
     pub vertical: String,
-    /// Cells with a height, and what their heights rest on.
+    /// Numbers of cells with confirmed and with filled heights.
     pub cells: CellCounts,
 }
 

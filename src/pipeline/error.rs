@@ -1,4 +1,4 @@
-//! Why a command failed, and of which kind the failure is.
+//! Why a command failed, and whose fault that is.
 
 use crate::affine::{FitError, SiteSceneError};
 use crate::bundle::BundleError;

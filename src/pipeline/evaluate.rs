@@ -18,12 +18,12 @@ const ERROR_PICTURE: &str = "error.png";
 /// Largest difference of the grids of a surface model and its confidence, cells.
 const SAME_GRID: f64 = 1e-3;
 
-/// How the truth is read and which parts of it are scored.
+/// How the truth is read, and which parts of it are scored.
 #[derive(Clone, Debug, Default)]
 pub struct EvaluateOptions {
     /// Class raster on the truth's grid; by default DFC2019's `X_CLS.tif` beside `X_DSM.tif`, or the classes of points.
     pub classes: Option<PathBuf>,
-    /// Polygons, or a raster on the truth's grid that is not 0 inside: the inside and the outside are scored apart.
+    /// Polygons, or a raster on the truth's grid that is not 0 inside: inside and outside are scored separately.
     pub mask: Option<PathBuf>,
     /// Vertical reference of the truth's heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file
     /// says.
@@ -31,7 +31,7 @@ pub struct EvaluateOptions {
     /// EPSG code of a point cloud that does not state its own.
     pub epsg: Option<u32>,
     /// The confidence of the surface model, as `satgs dsm` writes it; by default `confidence.tif` beside the surface model
-    /// if it has the same cells. With it, confirmed and filled cells are scored apart too.
+    /// if it has the same cells. With it, confirmed and filled cells are scored separately.
     pub confidence: Option<PathBuf>,
     /// Replace files of an earlier evaluation.
     pub overwrite: bool,

@@ -27,7 +27,7 @@ pub fn unsupported_heights(recipe: &Recipe<SatelliteRecipe>) -> Option<String> {
 
 /// What a recipe has that GPUs cannot do, if they compute the loss terms with these weights.
 pub fn unsupported_recipe<K: OfScene>(recipe: &Recipe<K>, terms: &[&str]) -> Option<String> {
-    if recipe.primitive == PrimitiveKind::Disc {
+    if recipe.primitive != PrimitiveKind::Ellipsoid {
         return Some("GPUs train ellipsoids only, not flat discs".into());
     }
     let mut others = recipe.weights.iter().filter(|(name, _)| !terms.contains(name));

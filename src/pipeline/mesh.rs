@@ -43,15 +43,14 @@ const MEASURED_DEPTH: f64 = 0.999;
 /// How a mesh is made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshOptions {
-    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for RGB-D scenes and those of ScanNet++ and runs of them, for other perspective
-    /// scenes a 1024th of the greatest depth; of scenes that are seen from inside, and runs of them, a 250th of the 95 % quantile of
-    /// the depths.
+    /// Side of a voxel, metres. The default for a scene, or a run of it: 0.5 for satellite images, 0.02 for RGB-D frames and ScanNet++,
+    /// a 250th of the 95 % quantile of the depths for other photographs from inside (as of a room), else a 1024th of `depth_max_m`.
     pub voxel_m: Option<f64>,
-    /// Distance from a surface up to which a depth map tells of it, metres; by default four voxels.
+    /// Truncation distance of the TSDF, metres; by default four voxels.
     pub truncation_m: Option<f64>,
-    /// Depths beyond this are not used, metres; by default 5 for RGB-D scenes and those of ScanNet++, for other perspective scenes twice the distance from
-    /// the nearest camera to the place that all look at; of those that are seen from inside, as rooms are, the 99.9 % quantile of the
-    /// depths of scenes and the 95 % quantile of those of runs. Not for satellite runs.
+    /// Greater depths are not used, metres; not for satellite runs. The default for a scene, or a run of it: 5 for RGB-D frames and
+    /// ScanNet++, for other photographs from inside the 99.9 % quantile of the depths (of a run 95 %), else twice the distance of the
+    /// nearest camera from the point that all cameras look at.
     pub depth_max_m: Option<f64>,
     /// Replace an existing file.
     pub overwrite: bool,

@@ -30,14 +30,14 @@ const MOST_ATTITUDE_SIGMAS: f64 = 3.0;
 /// How a mesh is scored.
 #[derive(Clone, Debug)]
 pub struct MeshEvalOptions {
-    /// Distance up to which a place on a mesh counts as right, metres.
+    /// Distance up to which a point counts as correct, metres.
     pub threshold_m: f64,
     /// A run or scene in the frame of the reference: both meshes are cut to what its views see.
     pub views: Option<PathBuf>,
     /// A run or scene in the frame of the mesh, with images of the same names as `views`: the mesh is moved by the similarity
     /// between their camera centres.
     pub align: Option<PathBuf>,
-    /// Where to write the mesh in colours of its errors.
+    /// Where to write the mesh coloured by its errors.
     pub error_mesh: Option<PathBuf>,
     /// Replace an existing file.
     pub overwrite: bool,

@@ -1,14 +1,13 @@
-//! What a change of a run leaves behind: files made of what is no longer there are removed, and it is said; or it is said
-//! which command makes them anew.
+//! Outdated files of a run after a change: they are removed, with a message, or a message names the command that makes them again.
 //!
-//! | what is new | what was made of it before |
+//! | what changed | what was made from it |
 //! |---|---|
-//! | the adjustment | the training, and what follows from it: said, because it may have taken hours |
-//! | the splats | meshes and scores of views: removed; the surface model: said, it can be rendered again as it was |
+//! | the adjustment | the training, and what follows from it: a message, because it may have taken hours |
+//! | the splats | meshes and scores of views: removed; the surface model: a message |
 //! | the surface model | its points, mesh, hillshade and ground: written again; its scores: removed |
-//! | the place of the run | points and meshes: removed; scores: removed |
+//! | the place of the run | points, meshes and scores: removed |
 //!
-//! `report.html` is written anew after each.
+//! `report.html` is written again after each.
 
 use super::products::Products;
 use super::run_folder::stage::{Fingerprint, adjustment_fingerprint, hash_file, made_from};
@@ -67,7 +66,7 @@ pub(super) fn after_move(run: &Path, progress: &dyn Progress) -> Result<(), Pipe
     remove_scores(run, "from before the move", progress)
 }
 
-/// Sentences that say which stages of a run were made of what has been replaced since, and how they are made anew.
+/// Sentences that name the stages of a run whose input has been replaced since, and the commands that make them again.
 pub(super) fn outdated(run: &Path) -> Result<Vec<String>, PipelineError> {
     let mut out = Vec::new();
     let adjustment = adjustment_fingerprint(run);

@@ -17,9 +17,9 @@ pub struct PriorMapOptions {
     pub scene: PerspectiveOptions,
     /// What the maps are to hold.
     pub content: PriorContent,
-    /// What the values of depths are, if that is known: `prior.json` says it to those who read the folder.
+    /// What the values of depth maps are, if known; written to `prior.json`.
     pub kind: Option<DepthKind>,
-    /// Make maps that exist anew.
+    /// Make maps again that exist.
     pub overwrite: bool,
 }
 

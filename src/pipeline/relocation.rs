@@ -103,7 +103,7 @@ fn write_moved_files(
             appearance.write(&to.join(APPEARANCE))?;
         }
     }
-    // The splats from which training goes on have a georeference of their own.
+    // The splats from which training continues have a georeference of their own.
     let predicted = run.join(PREDICTED);
     let made_by = "`satgs predict RUN -o RUN2 --overwrite` makes it";
     let site = read_georeference(&predicted).map_err(|source| PipelineError::RunFile { source, made_by })?;
@@ -122,7 +122,7 @@ fn write_moved_files(
     Ok(write_json(&to.join(RECORD), record)?)
 }
 
-/// Removes the record of an alignment, because the run is adjusted anew.
+/// Removes the record of an alignment, because the run is adjusted again.
 pub(super) fn forget(run: &Path) -> Result<(), PipelineError> {
     let gone = [std::fs::remove_file(run.join(RECORD)), std::fs::remove_dir_all(run.join(PENDING))];
     let refused = gone.into_iter().filter_map(Result::err).find(|e| e.kind() != std::io::ErrorKind::NotFound);

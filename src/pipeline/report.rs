@@ -18,7 +18,7 @@ pub fn report(run: &Path) -> Result<PathBuf, PipelineError> {
     Ok(page)
 }
 
-/// Writes the page anew if there is one, and the lists of products, after a change of the run. Those of several tiles are made with their
+/// Rewrites the page, if there is one, and the lists of products after a change of the run. Those of several tiles are written with the
 /// mosaic.
 pub(super) fn renew_report(run: &Path) -> Result<(), PipelineError> {
     if run.join(PLAN).exists() {

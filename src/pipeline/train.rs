@@ -11,7 +11,7 @@ use super::{PipelineError, RunLock, outdated, perspective, satellite};
 use crate::progress::Progress;
 use std::path::Path;
 
-/// Trains an adjusted run, or that of a perspective scene, unless that was done with the same input and options; goes on from
+/// Trains an adjusted run, or that of a perspective scene, unless that was done with the same input and options; continues from
 /// a checkpoint of the same input and options.
 ///
 /// Writes `RUN/splats.ply`, `RUN/cameras.json` and `RUN/train`.

@@ -37,7 +37,7 @@ pub struct TrainOptions {
     pub device: DeviceChoice,
     /// Iterations from one checkpoint to the next.
     pub checkpoint_every: u32,
-    /// Fail unless there is a checkpoint to go on from.
+    /// Fail unless there is a checkpoint to continue from.
     pub resume: bool,
     /// Number of pictures of the progress to write; 0 for none.
     pub snapshots: u32,

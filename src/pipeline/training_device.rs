@@ -37,7 +37,7 @@ pub struct Needs {
 
 impl OnDevice<'_> {
     /// Trains on the device of the options, and returns its name if it is a GPU. With `auto`, a GPU that fails leaves the training to
-    /// the processor, which goes on from the last checkpoint. `open` makes the backend on a GPU, and `on_processor` trains on the
+    /// the processor, which continues from the last checkpoint. `open` makes the backend on a GPU, and `on_processor` trains on the
     /// processor.
     ///
     /// # Errors
@@ -63,7 +63,7 @@ impl OnDevice<'_> {
         match trained.and_then(|()| Ok(backend.snapshot()?.clone())) {
             Ok(state) => return Ok((TrainingSoFar { log, state, ..so_far }, Some(name))),
             Err(PipelineError::Backend(e)) if self.choice == DeviceChoice::Auto => {
-                let text = format!("{e}; the processor goes on from the last checkpoint");
+                let text = format!("{e}; the processor continues from the last checkpoint");
                 self.progress.event(Event::Warning(text));
             }
             Err(e) => return Err(e),

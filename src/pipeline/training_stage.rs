@@ -79,7 +79,7 @@ impl<'a> TrainingStage<'a> {
         self.stage.require_writable()
     }
 
-    /// The training to go on with: of the same input and options, and with so many colour models.
+    /// The training to continue: of the same input and options, with this number of colour models.
     ///
     /// A checkpoint of others is an error that names them, unless the options say to overwrite it. A damaged one is passed over
     /// with a warning; where `--resume` requires one it is an error, as is none.

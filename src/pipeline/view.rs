@@ -69,7 +69,7 @@ pub fn serve_page(
     progress: &dyn Progress,
 ) -> Result<(), PipelineError> {
     let taken = |cause| ViewerError::Port { port: port.unwrap_or_default(), cause };
-    // A port in use is said before the files are read.
+    // A port in use is reported before the files are read.
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port.unwrap_or(0))).map_err(taken)?;
     let page = view_page(run)?;
     let address = listener.local_addr().map_err(taken)?;

@@ -61,8 +61,8 @@ pub struct UnseenPixels {
 }
 
 /// Aligns the depths of all views with the points of the scene that they see, and puts a point behind each pixel, but not more than
-/// about `most` in all; with a `completion` also where pseudo-views have holes. `others` are views that are not trained on. Says
-/// which views cannot be aligned, and goes on without them.
+/// about `most` in all; with a `completion` also where pseudo-views have holes. `others` are views that are not trained on. Views that
+/// cannot be aligned are reported and left out.
 ///
 /// # Errors
 /// [`PriorError::Unaligned`] if the depths of no view can be aligned, others if a command fails.

@@ -62,7 +62,7 @@ pub enum PriorError {
     Opposite {
         /// The folder.
         folder: PathBuf,
-        /// What the values are said to be.
+        /// What the values are stated to be.
         kind: DepthKind,
         /// The median of the views' correlations.
         correlation: f64,

@@ -29,9 +29,9 @@ const NO_DEPTHS: &str = "has no depth that other views confirm";
 pub enum ExistingMaps {
     /// Those of the same maker and image are kept, others are an error.
     Keep,
-    /// Those of the same maker and image are kept, others are made anew.
+    /// Those of the same maker and image are kept, others are made again.
     Update,
-    /// All are made anew.
+    /// All are made again.
     Replace,
 }
 
@@ -138,7 +138,7 @@ impl Work<'_> {
             PriorContent::Depths => "making depth maps",
             PriorContent::Normals => "making normal maps",
         };
-        // What is made is kept, so that the same call goes on.
+        // What is made is kept, so that the same call continues.
         progress.event(Event::Resumable(true));
         progress.event(Event::Started { stage, total: missing.len() as u64 });
         let result = self.make_missing(views, &missing, &parts, &mut record, &mut done, progress);

@@ -1,4 +1,4 @@
-//! Depths and normals of a view, as a network, a sensor or a surface gives them.
+//! Depths and normals of a view, from a network, a sensor or matching.
 
 use crate::io::Grid2;
 
@@ -15,8 +15,7 @@ pub enum DepthKind {
     Relative,
     /// Inverse depths up to an unknown scale and shift; larger is nearer.
     Disparity,
-    /// Depths along the optical axis as a sensor measures them or matching finds them, in the unit of the scene: they are compared
-    /// as they are.
+    /// Depths along the optical axis from a sensor or from matching, in the unit of the scene: used without correction.
     Measured,
     /// Depths along the optical axis that were brought to the points of the scene and to other views.
     #[serde(skip)]
@@ -24,6 +23,18 @@ pub enum DepthKind {
 }
 
 impl DepthKind {
+    /// The kinds that users state, with their names and what they are.
+    pub const STATED: [(Self, &'static str, &'static str); 4] = [
+        (
+            Self::Metric,
+            "metric",
+            "Depths in the unit of the scene, of a network: their scale and shift are corrected",
+        ),
+        (Self::Measured, "measured", "Depths in the unit of the scene, of a sensor: used without correction"),
+        (Self::Relative, "relative", "Depths with unknown scale and shift: larger is farther"),
+        (Self::Disparity, "disparity", "Inverse depths with unknown scale and shift: larger is nearer"),
+    ];
+
     /// What values of this kind are compared with: a depth, or its inverse.
     #[must_use]
     pub fn of_depth(self, depth: f64) -> f64 {

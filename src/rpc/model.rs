@@ -194,7 +194,7 @@ impl Rpc {
         )
     }
 
-    /// Image position of a ground point, and its derivatives by the ground coordinates.
+    /// Image position of a ground point, and its derivatives with respect to the ground coordinates.
     #[must_use]
     pub fn project_with_jacobian(&self, p: Point<Geodetic>) -> (Pixel<CenterPx>, Jacobian) {
         let c = &self.0;

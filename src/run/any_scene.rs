@@ -15,7 +15,7 @@ pub enum AnyScene {
     Photographs(Box<ReadPhotographs>),
 }
 
-/// A perspective scene, and how it was read: a run reads it again.
+/// A perspective scene, with path and options from which a run reads it again.
 #[derive(Debug)]
 pub struct ReadPhotographs {
     /// Where it lies.

@@ -18,12 +18,12 @@ pub use stage_result::StageResult;
 use crate::progress::Progress;
 use std::path::Path;
 
-/// Runs all stages of a scene and writes a report. `completed` receives the result of every stage as soon as it is there. Stages
-/// that `run` holds already, made from the same input and options, are kept.
+/// Runs all stages of a scene and writes a report. `completed` receives the result of each stage as soon as it is complete. Stages in
+/// the folder `run` that were made from the same input and options are kept.
 ///
-/// Satellite scenes are adjusted and trained, their surface model is rendered, and scored if there is a truth. An area larger than
-/// [`RunOptions::core_m`] is cut into tiles, which are made one after the other and blended. Photographs are trained; views that
-/// are held back are scored, and a surface model is rendered if the scene has a place on Earth.
+/// Satellite scenes are adjusted and trained, their surface model is rendered, and scored if there is a truth. An area with a side of
+/// more than 1.5 times [`RunOptions::core_m`] is cut into tiles, which are trained one after the other and blended. Photographs are
+/// trained; held-back views are scored, and a surface model is rendered if the scene has a georeference.
 ///
 /// # Errors
 /// [`RunError`] of the first stage that fails; files that late stages read are opened first. A tile that fails does not stop the

@@ -7,7 +7,7 @@ use crate::splat::recipe::Recipe;
 use crate::tiles::{PlanOptions, TileSurface, TilesError};
 use std::path::{Path, PathBuf};
 
-/// Options of all stages. Photographs have no adjustment, no truth and no tiles, and use `train` and `dsm` alone.
+/// Options of all stages. Photographs, which have no adjustment, truth or tiles, use `train` and `dsm` only.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Of the adjustment.
@@ -20,9 +20,9 @@ pub struct RunOptions {
     pub truth: Option<PathBuf>,
     /// How the truth is read.
     pub evaluate: EvaluateOptions,
-    /// Largest side of an area that is trained as a whole, and of the core of a tile, metres.
+    /// Largest side of the core of a tile, metres; an area of up to 1.5 times this side is not cut.
     pub core_m: f64,
-    /// Width of the overlap around a core, metres.
+    /// Width of the ground around the core that is trained, too, metres.
     pub overlap_m: f64,
     /// Memory that a tile may take, megabytes.
     pub max_memory_mb: Option<f64>,

@@ -1,4 +1,4 @@
-//! The heights between which a surface is searched, and what says so.
+//! The heights between which a surface is searched, and their source.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -13,7 +13,7 @@ const ABOVE_TIE_POINTS_M: f64 = 200.0;
 const LEAST_BELOW_M: f64 = 5.0;
 const LEAST_ABOVE_M: f64 = 15.0;
 
-/// What a range of heights is from; the first of these that there is decides.
+/// Source of a range of heights, in the order of precedence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum HeightSource {
@@ -36,7 +36,7 @@ pub struct SearchedHeights {
     pub low_m: f64,
     /// Highest height, metres.
     pub high_m: f64,
-    /// What says so.
+    /// Its source.
     pub source: HeightSource,
 }
 

@@ -20,9 +20,10 @@ pub struct ReadOptions {
     pub aoi: Option<Aoi>,
     /// Lowest and highest ellipsoidal height in the area, metres; the default is [`Scene::height_range`].
     pub height_range: Option<(f64, f64)>,
-    /// Bands to use of images that have more than one, counted from 1: three or one. If empty, the first three.
+    /// Bands to use of images that have more than one, counted from 1: three or one. If empty, those that a file declares as red,
+    /// green and blue, else the first three.
     pub bands: Vec<usize>,
-    /// Percent of the pixels that is clipped at each end when values are stretched.
+    /// Percentage of pixels to clip at each end of the histogram.
     pub stretch_percent: Option<f64>,
     /// Relation between the images' pixel values and linear radiance; found from the images if none is given.
     pub transfer_function: Option<TransferFunction>,

@@ -1,4 +1,4 @@
-//! What reading windows of images costs, and the refusal of images of which a window cannot be read by itself.
+//! Cost of reading windows of images, and the refusal of images whose windows cannot be read alone.
 //!
 //! A file is read in whole blocks. Tiles hold little beside a window; strips of whole rows of a wide image hold many times
 //! as much.

@@ -54,7 +54,7 @@ pub struct View {
     pub window: Option<Window>,
     /// Selected bands, counted from 1: three for red, green and blue, or one.
     pub bands: Vec<usize>,
-    /// Percent of the pixels that is clipped at each end when values are stretched. By default 8-bit values are not
+    /// Percentage of pixels to clip at each end of the histogram. By default 8-bit values are not
     /// stretched, and half a percent of others is clipped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stretch_percent: Option<f64>,
@@ -90,7 +90,7 @@ pub struct Scene {
     /// The area of interest to which images are cropped, if one was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aoi: Option<Aoi>,
-    /// The heights to search, if an option or an elevation model gives them; [`Scene::heights`] tells those that count.
+    /// The heights to search, if an option or an elevation model gives them; [`Scene::heights`] returns those that are used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heights: Option<SearchedHeights>,
     /// Relation between the images' pixel values and linear radiance.

@@ -73,7 +73,7 @@ impl AnchoredSplats {
         out
     }
 
-    /// Computes the residuals anew, after parameters were set.
+    /// Recomputes the residuals after parameters were set.
     pub fn refresh(&mut self, splats: &Splats) {
         let indices = |of: fn(&Anchoring) -> u32| -> Vec<u32> { self.anchorings.iter().map(of).collect() };
         let mut anchors = Splats::default();

@@ -18,6 +18,10 @@ pub enum PrimitiveKind {
 }
 
 impl PrimitiveKind {
+    /// All kinds, with the names that recipes and the command line have for them, and what they are.
+    pub const NAMED: [(Self, &'static str, &'static str); 2] =
+        [(Self::Ellipsoid, "3d", "Ellipsoids"), (Self::Disc, "2d", "Flat discs")];
+
     /// Whether this is the default kind.
     #[must_use]
     pub fn is_default(&self) -> bool {

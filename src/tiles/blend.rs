@@ -22,7 +22,7 @@ use crate::run_files::{CONFIDENCE, DSM, MOSAIC, ORTHO};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Cores are blended anew by another version.
+/// Another version blends cores again.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// The largest value of a weight in the file of shares.
 pub(super) const WHOLE_SHARE: f64 = 255.0;

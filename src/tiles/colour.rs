@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 const PULL: f64 = 1e-3;
 /// Difference of colours, of 1, beyond which an equation loses weight.
 const HUBER: f64 = 0.02;
-/// Number of times that the weights of the equations are computed anew.
+/// Number of times that the weights of the equations are recomputed.
 const REWEIGHTINGS: usize = 6;
 /// Quantiles of the colours of a strip that are compared. Quantiles of either tile do not need pairs of cells that show
 /// exactly the same place, and have no noise that would pull gains towards 0.

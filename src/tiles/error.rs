@@ -49,7 +49,7 @@ pub enum TilesError {
         /// The limit, megabytes.
         limit_mb: f64,
     },
-    /// The run was adjusted anew after it was planned.
+    /// The run was adjusted again after it was planned.
     #[error("`{run}/tiles.json` was planned from another adjustment than `{run}/ba` holds now")]
     #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans again"))]
     OtherAdjustment {

@@ -38,12 +38,12 @@ struct Input {
     input_hash: String,
 }
 
-/// Trains and renders one tile, unless that was done with the same input; goes on from its checkpoint.
+/// Trains and renders one tile, unless that was done with the same input; continues from its checkpoint.
 ///
 /// Writes `RUN/tiles/ID`, and `done.json` in it last.
 ///
 /// # Errors
-/// [`TilesError`]: there is no plan or no such tile in it, the run was adjusted anew since, memory or disk do not suffice,
+/// [`TilesError`]: there is no plan or no such tile in it, the run was adjusted again since, memory or disk do not suffice,
 /// another job works on the tile; also the errors of training and of the surface. A failure is recorded in the tile's
 /// folder as `failed.json`.
 pub fn run_tile(

@@ -244,7 +244,7 @@ impl Plan {
         Ok(())
     }
 
-    /// An error if the run was adjusted anew after it was planned.
+    /// An error if the run was adjusted again after it was planned.
     pub(super) fn require_current(&self, run: &Path) -> Result<(), TilesError> {
         if adjustment_hash(run)? == self.adjustment_hash {
             return Ok(());

@@ -81,7 +81,7 @@ pub(crate) fn plan_locked(
 ) -> Result<Outcome<Plan>, TilesError> {
     options.check()?;
     if options.train.resume {
-        let instead = "a tile goes on from its checkpoint without being asked to";
+        let instead = "a tile continues from its checkpoint anyway";
         return Err(TilesError::OneTileOnly { option: "--resume", instead });
     }
     let stage = Stage::new(run, TILES, vec![run.join(PLAN)], fingerprint(run, options)?);

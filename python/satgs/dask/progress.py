@@ -56,7 +56,7 @@ class Progress:
             print(text, file=self._stream, flush=True)
 
     def cannot_write(self, error: OSError) -> None:
-        """Warns, once, that a record of the work is not complete; the work itself goes on."""
+        """Warns, once, that a record of the work is not complete; the work itself continues."""
         if not self._has_warned:
             self._has_warned = True
             self.note(f"warning: records of the work in the run folder cannot be written: {error}")

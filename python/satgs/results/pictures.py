@@ -101,7 +101,7 @@ class MeshSummary:
         pieces_left_out: Number of small pieces that were left out.
         depth_maps: Number of depth maps that were fused.
         voxel_m: Side of a voxel.
-        truncation_m: Distance from a surface up to which depth maps count.
+        truncation_m: Truncation distance of the TSDF, metres.
         depth_max_m: Depths beyond this were left out; ``None`` without a limit.
         depths_beyond: Share of the depths that were.
         volume_mb: Memory of the voxels, megabytes.
@@ -142,7 +142,7 @@ class MeshEvaluation:
     """Result of :func:`satgs.mesh_eval`.
 
     Attributes:
-        threshold_m: Distance up to which a place counts as right.
+        threshold_m: Distance up to which a point counts as correct, metres.
         accuracy_m: Mean distance from the mesh to the reference.
         completeness_m: Mean distance from the reference to the mesh.
         chamfer_m: Mean of both.

@@ -33,8 +33,8 @@ pub struct MatchedPoint {
 /// The points behind the pixels of photographs with depths, each surface from the view that sees it most closely of those nearby; of
 /// more than about `most` points those of every second, third and so on column and row.
 ///
-/// Where a view has no depth, points lie on a smooth surface through the depths around, so that there is something behind all that
-/// is seen. This surface goes on beyond the frames, where no photograph shows anything.
+/// Where a view has no depth, points lie on a smooth surface through the depths around, so that every ray ends. This surface extends
+/// beyond the frames, where no photograph shows anything.
 #[must_use]
 pub fn matched_points(cameras: &[PinholeCamera], depths: &[&Grid2], most: usize) -> Vec<MatchedPoint> {
     let others = nearby(cameras);

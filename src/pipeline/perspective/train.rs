@@ -27,7 +27,7 @@ use crate::splat::train::Schedule;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Trains the perspective scene of a run, unless that was done with the same input and options; goes on from a checkpoint of
+/// Trains the perspective scene of a run, unless that was done with the same input and options; continues from a checkpoint of
 /// the same input and options. The caller holds the lock.
 ///
 /// Writes `RUN/splats.ply`, `RUN/cameras.json` and `RUN/train`.

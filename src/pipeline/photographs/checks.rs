@@ -5,8 +5,8 @@ use crate::perspective::{PerspectiveError, PerspectiveScene, PoseCheck};
 use crate::progress::{Event, Progress};
 use std::path::Path;
 
-/// What is said of a scene with one view to train on.
-const ONE_VIEW: &str = "there is one view to train on: from one photograph nothing is known about depths, and other views of the result will \
+/// The warning for a scene with one view to train on.
+const ONE_VIEW: &str = "there is one view to train on: one photograph says nothing about depths, and other views of the result will \
      be wrong; add photographs of the same place, or give depths by --depth-prior";
 
 /// Says what of a scene is left out, which colour camera it has, and where it lies on Earth.

@@ -61,8 +61,8 @@ pub struct Predicted {
     pub seconds: f64,
 }
 
-/// Predicts the splats of an adjusted run, of the run of a perspective scene or of such a scene, from points in one pass. Writes them
-/// to the run folder `out`, which all commands take that work on trained runs; `train` goes on from them.
+/// Predicts the splats of an adjusted run, or of a perspective scene or its run, from points in one pass. Writes them to the run
+/// folder `out`, which all commands take that work on trained runs; `train` continues from them.
 ///
 /// # Errors
 /// [`PipelineError`]: the run is not adjusted or is in use, the images are gone, there are too few points in the area, the model

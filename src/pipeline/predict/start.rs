@@ -1,4 +1,4 @@
-//! What training goes on from in a run that was predicted.
+//! What training starts from in a run that was predicted.
 
 use crate::frame::SiteGrid;
 use crate::io::{ReadError, read_georeference, read_json};

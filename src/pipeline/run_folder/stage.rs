@@ -106,7 +106,7 @@ impl Stage {
         path.exists().then(|| read_json(&path)).transpose().map_err(|e| self.damaged(e))
     }
 
-    /// The command that makes the stage anew.
+    /// The command that makes the stage again.
     fn made_by(&self) -> &'static str {
         match self.name {
             ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it again",

@@ -4,10 +4,10 @@
 //! the numbers that the network takes, and the images to compare renders with. The samples of the last rounds are kept, and a
 //! number of steps is made with samples drawn from these. The learning rate follows one cycle (Smith & Topin 2019): the
 //! rate rises for three tenths of the steps and falls to nearly zero. The loss is that of 3DGS for pixels in sunlight, and a pull
-//! to the exact surface where it is smooth. The second phase does the same with points lifted from depth maps, and goes on from a
-//! trained model.
+//! to the exact surface where it is smooth. The second phase does the same with points lifted from depth maps, and continues
+//! from a trained model.
 //!
-//! Everything follows from the configuration: an interrupted training goes on from its last round and gives the same model.
+//! Everything follows from the configuration: an interrupted training continues from its last round and gives the same model.
 
 mod config;
 mod data;
@@ -69,7 +69,7 @@ pub struct Validation {
     pub sparse: [f64; 3],
 }
 
-/// What an interrupted training goes on from.
+/// What an interrupted training continues from.
 #[derive(Serialize, Deserialize)]
 struct State {
     content: ModelContent,
@@ -83,10 +83,10 @@ struct State {
 
 /// Trains a model on simulated towns, with the image features of a network if there is one, and writes it to `out`. `folder` keeps
 /// the towns, a checkpoint, the log `learn.csv`, scores of unseen towns by the part of the points (`points.csv`), and their curves; a
-/// training that is there goes on.
+/// training in it continues.
 ///
 /// # Errors
-/// [`LearnError`]; after [`LearnError::Interrupted`] the same call goes on.
+/// [`LearnError`]; after [`LearnError::Interrupted`] the same call continues.
 pub fn learn(
     out: &Path,
     folder: &Path,
@@ -162,7 +162,7 @@ fn train(
         if kept.len() > config.kept_rounds {
             kept.pop_front();
         }
-        // After an interruption only the samples of earlier rounds are made anew.
+        // After an interruption only the samples of earlier rounds are made again.
         if round < state.rounds {
             continue;
         }

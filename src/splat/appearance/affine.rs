@@ -18,25 +18,22 @@ pub struct AffineAppearance<T> {
     by_values: Vec<[T; PARAMETERS]>,
 }
 
-/// The parameters of a view at the start of training: `W` is the identity, `t` is zero, and `κ` is 0.05 in each channel (EOGS).
-#[must_use]
-pub fn start<T: Real>() -> Vec<T> {
-    let (o, z, k) = (T::one(), T::zero(), T::from_f64(0.05));
-    vec![o, z, z, z, o, z, z, z, o, z, z, z, k, k, k]
-}
-
 /// The parameters for colours and images whose linear values are `factor` times as large.
 pub fn scale(values: &mut [f32], factor: f32) {
     values.iter_mut().skip(9).take(3).for_each(|t| *t *= factor);
 }
 
-/// The linear colour of a view in full sunlight for a linear splat colour.
-#[must_use]
-pub fn sunlit<T: Real>(values: &[T], rgb: [T; 3]) -> [T; 3] {
-    ColorMap::new(values).sunlit(rgb)
-}
-
 impl<T: SimdReal> AppearanceModel<T> for AffineAppearance<T> {
+    /// `W` is the identity, `t` is zero, and `κ` is 0.05 in each channel (EOGS).
+    fn start_view(&self, _: u64, _: u64) -> Vec<T> {
+        let (o, z, k) = (T::one(), T::zero(), T::from_f64(0.05));
+        vec![o, z, z, z, o, z, z, z, o, z, z, z, k, k, k]
+    }
+
+    fn sunlit(&self, values: &[T], rgb: [T; 3]) -> [T; 3] {
+        ColorMap::new(values).sunlit(rgb)
+    }
+
     fn shade(&mut self, values: &[T], input: ShadingInput<T>, picture: &mut Image<T>) {
         let Image { width, height, .. } = *input.render;
         let map = ColorMap::new(values);

@@ -3,7 +3,7 @@
 //! A model has two parts. [`AppearanceModel::splat_colors`] computes the colour of each splat that is rendered.
 //! [`AppearanceModel::shade`] computes the picture, which is compared with the view's image, from the rendered colours and
 //! the share of sunlight. Each view has its own parameters, and a model may have more, which all views share. A new model is
-//! a file beside [`affine`], and a line in [`AppearanceKind`] and in its methods.
+//! a file beside [`affine`], and a line in [`AppearanceKind`] and in [`AppearanceKind::model`].
 
 pub mod affine;
 mod light;
@@ -15,7 +15,7 @@ pub use model::{
     AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
 
-use crate::simd::{Real, SimdReal};
+use crate::simd::SimdReal;
 use affine::AffineAppearance;
 use satgs::{Cube, Networks, SatGs};
 use serde::{Deserialize, Serialize};
@@ -43,11 +43,8 @@ impl AppearanceKind {
 
     /// Initial parameters that all views share.
     #[must_use]
-    pub fn start_shared<T: Real>(self, seed: u64) -> Vec<T> {
-        match self {
-            Self::Affine => Vec::new(),
-            Self::SatGs => Networks::default().start(seed),
-        }
+    pub fn start_shared<T: SimdReal>(self, seed: u64) -> Vec<T> {
+        self.model::<T>(Cube::default()).start_shared(seed)
     }
 }
 
@@ -61,15 +58,11 @@ pub struct Appearance<T = f32> {
     pub values: Vec<T>,
 }
 
-impl<T: Real> Appearance<T> {
+impl<T: SimdReal> Appearance<T> {
     /// The parameters of a view at the start of training; those of networks are random.
     #[must_use]
     pub fn start(kind: AppearanceKind, seed: u64, view: u64) -> Self {
-        let values = match kind {
-            AppearanceKind::Affine => affine::start(),
-            AppearanceKind::SatGs => Networks::default().start_embedding(seed, view),
-        };
-        Self { kind, values }
+        Self { kind, values: kind.model::<T>(Cube::default()).start_view(seed, view) }
     }
 
     /// Whether there are as many values as the model has parameters.
@@ -81,10 +74,8 @@ impl<T: Real> Appearance<T> {
     /// The map from a linear splat colour to the linear colour of the view in full sunlight; the identity for models that
     /// colour each splat on its own.
     pub fn sunlit(&self) -> impl Fn([T; 3]) -> [T; 3] + '_ {
-        move |rgb| match self.kind {
-            AppearanceKind::Affine => affine::sunlit(&self.values, rgb),
-            AppearanceKind::SatGs => rgb,
-        }
+        let model = self.kind.model::<T>(Cube::default());
+        move |rgb| model.sunlit(&self.values, rgb)
     }
 }
 

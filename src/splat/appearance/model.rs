@@ -67,6 +67,20 @@ pub struct SplatSun<'a, T> {
 
 /// A colour model. `values` are the parameters of a view.
 pub trait AppearanceModel<T: Real>: Send + Sync {
+    /// The parameters that all views share, at the start of training; those of networks are random. Most models have none.
+    fn start_shared(&self, _seed: u64) -> Vec<T> {
+        Vec::new()
+    }
+
+    /// The parameters of a view at the start of training; those of networks are random.
+    fn start_view(&self, seed: u64, view: u64) -> Vec<T>;
+
+    /// The linear colour of a view in full sunlight for a linear splat colour; the identity for models that colour each splat on its
+    /// own.
+    fn sunlit(&self, _values: &[T], rgb: [T; 3]) -> [T; 3] {
+        rgb
+    }
+
     /// Whether the colours of splats depend on the visibility of the sun from each. If not, the picture depends on the share
     /// of sunlight of each pixel, which [`ShadowModel`](crate::splat::shadow::ShadowModel) computes.
     fn has_shaded_splats(&self) -> bool {

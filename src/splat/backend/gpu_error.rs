@@ -42,7 +42,7 @@ pub enum GpuError {
     },
     /// The device failed at work, or ran out of memory.
     #[error("`{device}` failed: {reason}")]
-    #[diagnostic(help("--device cpu goes on from the last checkpoint on the processor"))]
+    #[diagnostic(help("--device cpu continues from the last checkpoint on the processor"))]
     Failed {
         /// Its name.
         device: String,

@@ -4,13 +4,14 @@
 //! `(m_anchored - m_all)² + (v_anchored - v_all)²`; the values of all splats count as constants. The derivative by a coefficient `c`
 //! of one of `n` anchored splats is `2 (m_anchored - m_all) / n + 4 (v_anchored - v_all) (c - m_anchored) / n`.
 
-use super::term::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
 use crate::splat::splats::Splats;
 
 /// One weight and one column.
-pub const INFO: TermInfo = TermInfo { weights: &["color_statistics"], columns: &["color_statistics"] };
+pub const INFO: TermInfo =
+    TermInfo { weights: &["color_statistics"], columns: &["color_statistics"], scope: TermScope::Any };
 
 /// The term.
 pub struct ColorStatistics<T> {

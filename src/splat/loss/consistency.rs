@@ -3,7 +3,7 @@
 //! The virtual view is a render with the view's camera and a random shear. Where both renders show the same surface, their
 //! altitudes and colours must agree.
 
-use super::term::{ByView, LossTerm, Rendered, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, Scaled, channel, stripe_rows};
@@ -14,6 +14,7 @@ use rayon::prelude::*;
 pub const INFO: TermInfo = TermInfo {
     weights: &["consistency_altitude", "consistency_color"],
     columns: &["consistency_altitude_m", "consistency_color"],
+    scope: TermScope::Any,
 };
 /// Two pixels show the same surface if their altitudes differ by less than this, metres (EOGS).
 pub const SAME_SURFACE_M: f64 = 0.30;

@@ -4,7 +4,7 @@
 //! Of a pixel with the weights `w` and mapped depths `m` of its discs, it is the sum of `w_i w_j (m_i - m_j)²` over all pairs,
 //! which is `A M2 - M1²` with the opacity `A` and the moments of the mapped depths.
 
-use super::term::{ByView, LossTerm, Rendered, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
 use crate::splat::raster::{Image, Scaled, disc_plane};
@@ -12,7 +12,11 @@ use rayon::prelude::*;
 
 /// Weight and column are those of mapped depths `far / (far - near) (1 - near / z)` between 0.2 and 100 (2DGS), in the unit of the
 /// splats: that of [`WorkingFrame`](crate::splat::pinhole::WorkingFrame).
-pub const INFO: TermInfo = TermInfo { weights: &["depth_distortion"], columns: &["depth_distortion"] };
+pub const INFO: TermInfo = TermInfo {
+    weights: &["depth_distortion"],
+    columns: &["depth_distortion"],
+    scope: TermScope::PhotographedDiscs,
+};
 /// Square of the change of the mapped depth of 2DGS with the reciprocal of the depth.
 const SCALE: f64 = (100.0 * 0.2 / (100.0 - 0.2)) * (100.0 * 0.2 / (100.0 - 0.2));
 

@@ -6,17 +6,17 @@
 //! scale and shift of the prior are free. Of a disparity, `x` is `1 / D`. The derivative of the part by `x` is
 //! `-(y' - x' S_xy / S_xx) / sqrt(S_xx S_yy)`, with deviations `x'` and `y'`. Where all `x` or all `y` are equal, it is zero.
 //!
-//! Measured depths `y` need no scale and shift: of them the first part is the mean of `|D / y - 1|`.
+//! Measured depths `y` need no scale and shift: for them the first part is the mean of `|D / y - 1|`.
 //!
 //! The second part is the sum over these pixels of `|D (1 / D(u - 1, v) + 1 / D(u + 1, v)) - 2|`, and of the same along `v`, divided by `n`:
-//! twice the distance of a depth from the plane through its neighbours, as a share of the depth, for inverse depths are linear on planes.
-//! Places where depths jump are left out. The paper has the absolute differences of neighbouring depths instead, which are least if
-//! all depths are equal: they pull the far ends of walls and floors towards the camera.
+//! the second difference of inverse depths, relative to the inverse depth, which is zero on planes. Pixels where depths jump are left
+//! out. The paper takes absolute differences of neighbouring depths instead, which are least if all depths are equal: they pull the far
+//! ends of walls and floors towards the camera.
 //!
-//! Depths that were aligned with points of the scene are correlated too: what is left of their errors is in part one of scale and shift.
+//! Depths that were aligned with points of the scene are correlated, too: a part of their remaining errors is one of scale and shift.
 
 use super::normal_consistency::OPACITY_OFFSET;
-use super::term::{ByView, LossTerm, Rendered, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::io::Grid2;
 use crate::prior::DepthKind;
@@ -25,8 +25,11 @@ use crate::splat::raster::{Image, Scaled, channel, disc_plane};
 use rayon::prelude::*;
 
 /// Weights and columns of the two parts.
-pub const INFO: TermInfo =
-    TermInfo { weights: &["depth_prior", "depth_smoothness"], columns: &["depth_prior", "depth_smoothness"] };
+pub const INFO: TermInfo = TermInfo {
+    weights: &["depth_prior", "depth_smoothness"],
+    columns: &["depth_prior", "depth_smoothness"],
+    scope: TermScope::Photographs,
+};
 /// Pixels with a smaller opacity are not compared.
 pub(super) const LEAST_OPACITY: f64 = 0.5;
 /// Depths of neighbouring pixels that differ by more than this share belong to two surfaces.

@@ -6,15 +6,18 @@
 //! - `dark_tones`: the mean of `(1 - min(t, τ) / τ)²` over the splats' toned colours `t`: darkness is for shadows.
 //! - `bright_shadows`: the sum of `(a / η - 1)²` over the channels of the ambient light `a` above η.
 
-use super::term::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::{Real, SimdReal};
 use crate::splat::appearance::SplatLight;
 use rayon::prelude::*;
 
 /// The weights of the three terms, and their columns.
-pub const INFO: TermInfo =
-    TermInfo { weights: &["sun_visibility", "dark_tones", "bright_shadows"], columns: &NAMES };
+pub const INFO: TermInfo = TermInfo {
+    weights: &["sun_visibility", "dark_tones", "bright_shadows"],
+    columns: &NAMES,
+    scope: TermScope::Any,
+};
 const NAMES: [&str; 3] = ["sun_visibility", "dark_tones", "bright_shadows"];
 /// The value τ below which toned colours are dark (paper, §3.3.3).
 const DARK: f64 = 0.23;

@@ -26,7 +26,7 @@ mod weights;
 
 pub use prior::{Prior, PriorCells};
 pub use prior_targets::PriorTargets;
-pub use term::{ByView, DiscView, LossTerm, Rendered, SurfaceDepth, TermInfo};
+pub use term::{ByView, DiscView, LossTerm, Rendered, SurfaceDepth, TermInfo, TermScope};
 pub use term_set::{Losses, Parts, TermSet};
 pub use terms::TermInputs;
 pub use weights::{LossWeights, WeightError};

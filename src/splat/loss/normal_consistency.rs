@@ -5,7 +5,7 @@
 //! the left, right, upper and lower pixels; it counts with the opacity, through which no derivative goes, as in the authors'
 //! program. Pixels on the border, and those that are or touch pixels with an opacity below one half, have none.
 
-use super::term::{ByView, DiscView, LossTerm, Rendered, SurfaceDepth, TermInfo};
+use super::term::{ByView, DiscView, LossTerm, Rendered, SurfaceDepth, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::{Real, SimdReal};
 use crate::splat::raster::{Image, Scaled, channel, disc_plane};
@@ -13,7 +13,11 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// The column is the mean of one minus the product of the two normals.
-pub const INFO: TermInfo = TermInfo { weights: &["normal_consistency"], columns: &["normal_consistency"] };
+pub const INFO: TermInfo = TermInfo {
+    weights: &["normal_consistency"],
+    columns: &["normal_consistency"],
+    scope: TermScope::PhotographedDiscs,
+};
 /// Added to the opacity that a mean depth is divided by (2DGS).
 pub(super) const OPACITY_OFFSET: f64 = 1e-8;
 

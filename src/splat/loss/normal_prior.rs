@@ -5,14 +5,15 @@
 //! derivative by `N` is `-(P - cos N / |N|) / |N|`.
 
 use super::depth_prior::LEAST_OPACITY;
-use super::term::{ByView, LossTerm, Rendered, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
 use crate::splat::raster::{Image, Scaled, channel, disc_plane};
 use rayon::prelude::*;
 
 /// The column is the mean of one minus the cosine.
-pub const INFO: TermInfo = TermInfo { weights: &["normal_prior"], columns: &["normal_prior"] };
+pub const INFO: TermInfo =
+    TermInfo { weights: &["normal_prior"], columns: &["normal_prior"], scope: TermScope::PhotographedDiscs };
 /// Pixels whose sum of normals is not longer are not compared.
 const LEAST_LENGTH: f64 = 0.1;
 /// Channels of the render that the term has derivatives by.

@@ -6,12 +6,13 @@
 //! That relies on the optimiser's small epsilon, and on steps of splats that the view does not show
 //! ([`SplatAdam`](crate::splat::adam::SplatAdam)).
 
-use super::term::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
 
 /// Weights of the mean and of the sum, and one column: the mean opacity.
-pub const INFO: TermInfo = TermInfo { weights: &["opacity", "opacity_sum"], columns: &["opacity"] };
+pub const INFO: TermInfo =
+    TermInfo { weights: &["opacity", "opacity_sum"], columns: &["opacity"], scope: TermScope::Any };
 
 /// The term.
 pub struct Opacity<T> {

@@ -2,14 +2,15 @@
 //!
 //! Both are taken as displayed. Invalid pixels are zero in both. Without a network the term is zero.
 
-use super::term::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::nn::lpips::{Lpips, PlanarRgb};
 use crate::simd::{Real, SimdReal};
 use crate::splat::raster::{Image, Scaled};
 
 /// The weight and the column, the distance; zero in iterations without a crop.
-pub const INFO: TermInfo = TermInfo { weights: &["perceptual"], columns: &["perceptual"] };
+pub const INFO: TermInfo =
+    TermInfo { weights: &["perceptual"], columns: &["perceptual"], scope: TermScope::Any };
 /// Columns and rows of a crop.
 const SIDE: usize = 128;
 

@@ -7,7 +7,7 @@
 //! With `x` the picture and `y` the target, SSIM is a function of four blurred images: `x`, `y`, `xx + yy` and `xy`, the
 //! *moments*. Its gradient by `x` is the blur of its derivatives by the moments, as the window is symmetric.
 
-use super::term::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
@@ -15,7 +15,7 @@ use crate::splat::raster::{Image, Scaled};
 use rayon::prelude::*;
 
 /// The term has weight 1; its columns are the mean absolute difference of linear colours and the mean SSIM.
-pub const INFO: TermInfo = TermInfo { weights: &[], columns: &["l1", "ssim"] };
+pub const INFO: TermInfo = TermInfo { weights: &[], columns: &["l1", "ssim"], scope: TermScope::Any };
 /// Number of taps of the window along one axis.
 const TAPS: usize = 11;
 /// Standard deviation of the window, pixels.

@@ -1,14 +1,15 @@
 //! The mean binary entropy of the share of sunlight (EOGS's `L_translucentshadows`), which makes each pixel either sunlit or
 //! shadowed.
 
-use super::term::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::{Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, Scaled, stripe_rows};
 use rayon::prelude::*;
 
 /// One weight, and one column: the mean entropy in bits.
-pub const INFO: TermInfo = TermInfo { weights: &["shadow_entropy"], columns: &["shadow_entropy"] };
+pub const INFO: TermInfo =
+    TermInfo { weights: &["shadow_entropy"], columns: &["shadow_entropy"], scope: TermScope::Any };
 /// Inside the logarithms the share of sunlight is clamped to this distance from 0 and 1 (EOGS).
 pub const CLIP: f64 = 0.05;
 

@@ -7,7 +7,7 @@
 //! count as zero: those of walls do not lie on the surface, and would pull their anchors away from it.
 
 use super::prior::Prior;
-use super::term::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo, TermScope};
 use super::terms::TermInputs;
 use crate::simd::{MAX_LANES, Real, Simd, SimdKernel, SimdReal};
 use crate::splat::anchored::Anchoring;
@@ -16,7 +16,8 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// One weight, and one column: the mean robust distance.
-pub const INFO: TermInfo = TermInfo { weights: &["surface_prior"], columns: &["surface_prior"] };
+pub const INFO: TermInfo =
+    TermInfo { weights: &["surface_prior"], columns: &["surface_prior"], scope: TermScope::Any };
 /// Number of splats that one task sums over; fixed, so that sums do not depend on the number of threads.
 const PIECE: usize = 4096;
 

@@ -10,13 +10,26 @@ use crate::splat::shear_warp::ShearWarp;
 use crate::splat::splats::Splats;
 use serde::{Deserialize, Serialize};
 
-/// Names of a term's weights and columns.
+/// The trainings in which a term has a value: in others its weights must be zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TermScope {
+    /// All; terms about the sun and virtual views are zero in perspective scenes.
+    Any,
+    /// Perspective scenes.
+    Photographs,
+    /// Discs in perspective scenes.
+    PhotographedDiscs,
+}
+
+/// Names of a term's weights and columns, and its scope.
 #[derive(Clone, Copy, Debug)]
 pub struct TermInfo {
     /// Names of its weights in a recipe.
     pub weights: &'static [&'static str],
     /// Names of its columns in `train.csv`, whose values are unweighted; with the unit where there is one.
     pub columns: &'static [&'static str],
+    /// Where it has a value.
+    pub scope: TermScope,
 }
 
 /// Which depth of a pixel is that of the surface.

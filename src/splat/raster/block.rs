@@ -208,7 +208,7 @@ impl<S: Simd> BlockPixels<S> {
             let y = vector_by_lane(simd, |i| offset(down * block_height::<S>() + i / BLOCK_WIDTH));
             blocks[b] = Self { x, y, xx: x * x, xy: x * y, yy: y * y };
         }
-        // `black_box` keeps the compiler from computing the products anew wherever they are used.
+        // `black_box` keeps the compiler from computing the products again wherever they are used.
         black_box(blocks)
     }
 }

@@ -26,7 +26,7 @@ impl<S: Simd> KernelConstants<S> {
     #[inline(always)]
     pub fn new(simd: S) -> Self {
         let broadcast = |v: f64| SimdVec::broadcast(simd, S::Scalar::from_f64(v));
-        // `black_box` hides the values from the compiler. It would otherwise broadcast a known number anew wherever
+        // `black_box` hides the values from the compiler. It would otherwise broadcast a known number again wherever
         // registers are short, while an instruction can read a vector from memory at no extra cost.
         black_box(Self {
             simd,

@@ -2,6 +2,7 @@
 
 use super::{Densification, PerspectiveRecipe, Recipe, SatelliteRecipe};
 use crate::io::read_text;
+use crate::splat::loss::{TERMS, TermScope};
 use crate::splat::primitive::PrimitiveKind;
 use std::path::{Path, PathBuf};
 
@@ -61,22 +62,18 @@ impl Recipe {
         toml::to_string(self).unwrap_or_default()
     }
 
-    /// A weight of a term of perspective scenes, or of discs in these, if the recipe is for other scenes or splats, and what
-    /// the term is of.
+    /// A weight of a term that has no value in the scenes or for the splats of the recipe, and what the term is of.
     pub fn idle_weight(&self) -> Option<(&'static str, &'static str)> {
         let is_photographed = self.perspective().is_some();
         let has_discs = is_photographed && self.primitive == PrimitiveKind::Disc;
-        let of_discs = ("discs in perspective scenes", has_discs);
-        let of_photographs = ("perspective scenes", is_photographed);
-        let terms = [
-            ("normal_consistency", of_discs),
-            ("depth_distortion", of_discs),
-            ("normal_prior", of_discs),
-            ("depth_prior", of_photographs),
-            ("depth_smoothness", of_photographs),
-        ];
-        let is_idle = |(name, (_, is_so)): &(&str, (&str, bool))| !is_so && self.weights.get(name) > 0.0;
-        terms.into_iter().find(is_idle).map(|(name, (of, _))| (name, of))
+        TERMS.iter().find_map(|term| {
+            let of = match term.scope {
+                TermScope::Photographs if !is_photographed => "perspective scenes",
+                TermScope::PhotographedDiscs if !has_discs => "discs in perspective scenes",
+                _ => return None,
+            };
+            term.weights.iter().find(|name| self.weights.get(name) > 0.0).map(|name| (*name, of))
+        })
     }
 
     /// Checks the ranges of all values; an error names the first that is out of range.

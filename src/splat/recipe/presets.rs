@@ -27,28 +27,38 @@ fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
     others.with(named).expect("the terms of the built-in recipes are registered")
 }
 
+/// The recipes that come with the program: a name, and a recipe that [`Recipe::named`] gives this name. The first is the default.
+const BUILT_IN: [(&str, fn() -> Recipe); 9] = [
+    ("best", || best().of_any()),
+    ("baeogs", || baeogs().of_any()),
+    ("eogs", || eogs().of_any()),
+    ("satgs", || satgs(satgs_colors()).of_any()),
+    ("satgs-fast", || satgs(satgs_colors().with_iterations(FAST_ITERATIONS)).of_any()),
+    ("3dgs", || three_d_gaussians().of_any()),
+    ("2dgs", || two_d_gaussians().of_any()),
+    ("indoor", || indoor().of_any()),
+    ("geoprop", || geoprop().of_any()),
+];
+
 impl Recipe {
     /// Names of the recipes that come with the program; the first is the default.
-    pub const NAMES: [&'static str; 9] =
-        ["best", "baeogs", "eogs", "satgs", "satgs-fast", "3dgs", "2dgs", "indoor", "geoprop"];
+    pub const NAMES: [&'static str; BUILT_IN.len()] = {
+        let mut names = [""; BUILT_IN.len()];
+        let mut k = 0;
+        while k < names.len() {
+            names[k] = BUILT_IN[k].0;
+            k += 1;
+        }
+        names
+    };
     /// The default recipe of perspective scenes.
     pub const OF_PERSPECTIVE_SCENES: &'static str = "3dgs";
 
     /// The recipe of this name; none if there is no such recipe.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "best" => best().of_any(),
-            "baeogs" => baeogs().of_any(),
-            "eogs" => eogs().of_any(),
-            "satgs" => satgs(name, satgs_colors()).of_any(),
-            "satgs-fast" => satgs(name, satgs_colors().with_iterations(FAST_ITERATIONS)).of_any(),
-            "3dgs" => three_d_gaussians().of_any(),
-            "2dgs" => two_d_gaussians().of_any(),
-            "indoor" => indoor().of_any(),
-            "geoprop" => geoprop().of_any(),
-            _ => return None,
-        })
+        let (name, make) = BUILT_IN.iter().find(|built_in| built_in.0 == name)?;
+        Some(Self { name: (*name).into(), ..make() })
     }
 }
 
@@ -56,7 +66,7 @@ impl Recipe {
 #[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
 fn baeogs() -> Recipe<SatelliteRecipe> {
     Recipe {
-        name: "baeogs".into(),
+        name: String::new(),
         iterations: 5000,
         primitive: PrimitiveKind::Ellipsoid,
         rates: PerGroup {
@@ -116,7 +126,6 @@ fn baeogs() -> Recipe<SatelliteRecipe> {
 fn eogs() -> Recipe<SatelliteRecipe> {
     let baeogs = baeogs();
     Recipe {
-        name: "eogs".into(),
         densification: None,
         prune_below: EOGS_PRUNES_BELOW,
         reset: None,
@@ -138,7 +147,6 @@ fn eogs() -> Recipe<SatelliteRecipe> {
 fn best() -> Recipe<SatelliteRecipe> {
     let baeogs = baeogs();
     let best = Recipe {
-        name: "best".into(),
         // Without the prior, splats on roofs without texture drift in altitude.
         weights: weights(baeogs.weights, &[("surface_prior", 0.1)]),
         reset: None,
@@ -149,10 +157,10 @@ fn best() -> Recipe<SatelliteRecipe> {
 }
 
 /// Bai et al., SatGS, 2025: heights by `best`, then colours.
-fn satgs(name: &str, colors: Recipe<SatelliteRecipe>) -> Recipe<SatelliteRecipe> {
+fn satgs(colors: Recipe<SatelliteRecipe>) -> Recipe<SatelliteRecipe> {
     let best = best();
     let kind = SatelliteRecipe { then: Some(Box::new(colors)), ..best.kind };
-    Recipe { name: name.into(), kind, ..best }
+    Recipe { kind, ..best }
 }
 
 /// The training of colours of recipe `satgs`, from the splats of a training for heights.
@@ -205,7 +213,7 @@ fn satgs_colors() -> Recipe<SatelliteRecipe> {
 fn three_d_gaussians() -> Recipe<PerspectiveRecipe> {
     let densified_until = 15_000;
     Recipe {
-        name: "3dgs".into(),
+        name: String::new(),
         iterations: 30_000,
         primitive: PrimitiveKind::Ellipsoid,
         rates: PerGroup {
@@ -258,7 +266,6 @@ fn three_d_gaussians() -> Recipe<PerspectiveRecipe> {
 fn two_d_gaussians() -> Recipe<PerspectiveRecipe> {
     let volumes = three_d_gaussians();
     Recipe {
-        name: "2dgs".into(),
         primitive: PrimitiveKind::Disc,
         weights: weights(volumes.weights, &[("normal_consistency", 0.05)]),
         prune_below: 0.05,
@@ -284,7 +291,6 @@ fn indoor() -> Recipe<PerspectiveRecipe> {
         ("opacity_sum", 1e-10),
     ];
     Recipe {
-        name: "indoor".into(),
         weights: weights(discs.weights, &named),
         // The paper says that a prolonged time without growth ends the activity of a splat, not how long it is.
         densification: discs
@@ -305,7 +311,6 @@ fn indoor() -> Recipe<PerspectiveRecipe> {
 fn geoprop() -> Recipe<PerspectiveRecipe> {
     let volumes = three_d_gaussians();
     Recipe {
-        name: "geoprop".into(),
         iterations: 10_000,
         weights: weights(volumes.weights, &[("color_statistics", 0.01)]),
         densification: None,

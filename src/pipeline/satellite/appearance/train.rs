@@ -48,7 +48,7 @@ impl OtherNetworks {
 }
 
 /// Trains colours for novel views by a recipe, from the splats of the training for heights, unless that was done with the
-/// same input. Writes `RUN/appearance.safetensors`, and `RUN/splats.ply` anew, in the colours of the reference view. The
+/// same input. Writes `RUN/appearance.safetensors`, and rewrites `RUN/splats.ply` in the colours of the reference view. The
 /// caller holds the lock.
 ///
 /// # Errors

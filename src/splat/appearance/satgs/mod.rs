@@ -118,6 +118,14 @@ impl<T: SimdReal> SatGs<T> {
 }
 
 impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
+    fn start_shared(&self, seed: u64) -> Vec<T> {
+        self.networks.start(seed)
+    }
+
+    fn start_view(&self, seed: u64, view: u64) -> Vec<T> {
+        self.networks.start_embedding(seed, view)
+    }
+
     fn has_shaded_splats(&self) -> bool {
         true
     }
