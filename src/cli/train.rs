@@ -133,7 +133,7 @@ pub struct Options {
     /// train without this loss]
     #[arg(long, value_name = "FILE", hide_short_help = true, help_heading = "Training")]
     lpips: Option<PathBuf>,
-    /// Depth maps of the images, for recipes indoor and geoprop: a folder, an ONNX network, a command, or `stereo`
+    /// Depth maps of the images, for recipes 2dgs, indoor and geoprop: a folder, an ONNX network, a command, or `stereo`
     ///
     /// A folder has NAME.npy, NAME.png or NAME.tif for each image. A network, such as Depth Anything V2, estimates depths from one
     /// image. A command writes the map {out} of the image {image}, for example 'python3 depth.py {image} {out}'. `stereo` matches the

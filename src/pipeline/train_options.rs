@@ -147,7 +147,7 @@ impl TrainOptions {
         let of_depths = weighs(&["depth_prior", "depth_smoothness"]) || needs_depths;
         let file = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
         let source = |source: &Option<PriorSource>| source.as_ref().map(ToString::to_string);
-        let depths_expected = "none: recipes indoor and geoprop use it, and --start does";
+        let depths_expected = "none: recipes 2dgs, indoor and geoprop use it, and --start does";
         let is_completed = recipe.perspective().is_some_and(|p| p.start_points == StartPoints::Gva);
         let inpaint = self.inpaint.as_ref().map(|command| command.text().to_owned());
         let normals_expected = "none: of the recipes, indoor uses it";
