@@ -17,8 +17,8 @@ Registrations of the surface model to the truth:
 dx, dy: offset in cells (columns, rows) at which the surface model is sampled; east, north, dz: the
 same as a shift of the surface model in metres (east = -dx cells, north = dy cells).
 Without classes water is scored like land. Completeness includes cells that were filled in; the row
-`confirmed` counts only cells that two views or more confirm. Compare MAEs only between surface models
-with a completeness of at least 0.99.
+`confirmed` counts only cells that two views or more confirm. Compare MAEs only between surface
+models with a completeness of at least 0.99.
 
 Examples:
   satgs dsm-eval run/dsm.tif JAX_068_DSM.tif   (finds JAX_068_DSM.txt, JAX_068_CLS.tif by name)

@@ -43,7 +43,8 @@ Example, the ground under an image's first pixel at 120 m:
     Localize(Points),
     /// Convert a camera to another format, with 17 significant digits
     #[command(after_help = "\
-The ending of OUT sets the format: .txt (_RPC.TXT), .rpb, .json (rpcm), .tif (a copy of --image with the RPC tag).
+The ending of OUT sets the format: .txt (_RPC.TXT), .rpb, .json (rpcm), .tif (a copy of --image with
+the RPC tag).
 Example:
   satgs rpc convert RPC_PHR1A.XML img_RPC.TXT")]
     Convert(Convert),

@@ -29,14 +29,16 @@ use std::path::PathBuf;
 #[command(group = clap::ArgGroup::new("photographs"))]
 #[command(after_help = "Examples:
   satgs simulate town && satgs run town -o run --truth town/truth/TOWN_DSM.tif
-  satgs simulate year --views 12 --seasons --cars 2 --held-out 4 && satgs run year -o run && satgs nvs-eval run
+  satgs simulate year --views 12 --seasons --cars 2 --held-out 4 && satgs run year -o run && \\
+    satgs nvs-eval run
   satgs simulate mountain --mountains --view 11,11,2024-08-20T10:30 --view 11,191,2024-08-20T10:31
   satgs simulate plan --surface city_dsm.tif --texture city_ortho.tif --views 8 && \\
     satgs run plan -o plan-run --truth plan/truth/SURFACE_DSM.tif
-  satgs simulate room --room && satgs run room -o run --recipe indoor --depth-prior room/priors/depths \\
-    --normal-prior room/priors/normals && satgs mesh run -o mesh.ply && \\
-    satgs mesh-eval mesh.ply room/truth/mesh.ply --views room
-  satgs simulate air --aerial && satgs run air -o run --recipe 3dgs --test-views air/test.txt && satgs nvs-eval run")]
+  satgs simulate room --room && satgs run room -o run --recipe indoor \\
+    --depth-prior room/priors/depths --normal-prior room/priors/normals && \\
+    satgs mesh run -o mesh.ply && satgs mesh-eval mesh.ply room/truth/mesh.ply --views room
+  satgs simulate air --aerial && satgs run air -o run --recipe 3dgs --test-views air/test.txt && \\
+    satgs nvs-eval run")]
 pub struct Args {
     /// Folder for the scene
     out: PathBuf,
