@@ -14,7 +14,14 @@ const LARGEST_PAGE_MB: u64 = 500;
 /// The parts of the page that are the same for every run.
 const MARKUP: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
-pub(super) const PROGRAM: &str = include_str!("page/page.js");
+/// The page's program: one script of its modules.
+pub(super) const PROGRAM: &str = concat!(
+    include_str!("page/page.js"),
+    include_str!("page/pick.js"),
+    include_str!("page/heights.js"),
+    include_str!("page/profile.js"),
+    "start();\n",
+);
 const LOADER: &str = include_str!("page/loader.js");
 /// three.js and Spark as one script, packed with gzip, with their licences.
 pub(super) const LIBRARIES: &[u8] = include_bytes!("page/dist/libraries.js.gz");

@@ -129,6 +129,21 @@ impl Browser {
         found["result"]["value"].clone()
     }
 
+    /// What the page says of the place under the pointer, once it names this layer.
+    fn place_at(&mut self, x: f64, y: f64, layer: &str) -> String {
+        self.call("Input.dispatchMouseEvent", json!({ "type": "mouseMoved", "x": x, "y": y }));
+        let began = Instant::now();
+        loop {
+            let text = self.value("$('place').innerText");
+            let text = text.as_str().unwrap().replace('\u{2212}', "-");
+            if text.contains(layer) {
+                return text;
+            }
+            assert!(began.elapsed() < PATIENCE, "{layer} is not shown: {text}");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
     /// The data attributes of the page's root element, once its splats are drawn.
     fn drawn(&mut self) -> Value {
         let began = Instant::now();
@@ -169,26 +184,62 @@ fn a_page_in_one_file_draws_the_splats_and_reads_the_heights_of_the_surface() {
     let share: f64 = data["coverage"].as_str().unwrap().parse().unwrap();
     assert!(share > 0.05 && share < 0.5, "{data}");
 
-    let [x, y] = [430.0, 310.0];
-    browser.call("Input.dispatchMouseEvent", json!({ "type": "mouseMoved", "x": x, "y": y }));
-    let began = Instant::now();
-    let place = loop {
-        let text = browser.value("document.getElementById('place').textContent");
-        let text = text.as_str().unwrap().replace('\u{2212}', "-");
-        if !text.is_empty() {
-            break text;
-        }
-        assert!(began.elapsed() < PATIENCE, "no place is shown");
-        std::thread::sleep(Duration::from_millis(100));
-    };
-    let numbers: Vec<f64> = place.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-    let [easting, northing, height] = numbers[..3] else { panic!("{place}") };
-    assert!(place.contains("EPSG:32631") && place.contains("DSM"), "{place}");
     let dsm = satgs::io::ImageFile::open(&run().join("dsm.tif")).unwrap();
     let (grid, heights) = (dsm.map_grid().unwrap(), dsm.read(1).unwrap());
-    let at = grid.corner_px_from_utm(satgs::frame::Point::new(easting, northing, 0.0));
-    let expected = f64::from(heights.bilinear(at.col - 0.5, at.row - 0.5));
+    let surface = |easting: f64, northing: f64| {
+        let at = grid.corner_px_from_utm(satgs::frame::Point::new(easting, northing, 0.0));
+        f64::from(heights.bilinear(at.col - 0.5, at.row - 0.5))
+    };
+    let place = browser.place_at(430.0, 310.0, "Splats");
+    let [easting, northing, height] = numbers(&place)[..3] else { panic!("{place}") };
+    let beside = place.split("DSM ").nth(1).unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
+    assert!(place.contains("EPSG:32631"), "{place}");
+    assert!((beside - surface(easting, northing)).abs() < 0.3, "{place}: {}", surface(easting, northing));
+    assert!((height - beside).abs() < 2.0, "splats far from the surface model: {place}");
+
+    browser.value("['splats', 'relief'].forEach((kind) => document.querySelector(`[name=${kind}]`).click())");
+    let place = browser.place_at(431.0, 311.0, "DSM, EPSG");
+    let [easting, northing, height] = numbers(&place)[..3] else { panic!("{place}") };
+    let expected = surface(easting, northing);
     assert!((height - expected).abs() < 0.3, "{height} where the surface model has {expected}");
+    assert!(browser.complaints.is_empty(), "{:?}", browser.complaints);
+}
+
+/// The numbers of a text.
+fn numbers(text: &str) -> Vec<f64> {
+    text.split_whitespace().filter_map(|word| word.parse().ok()).collect()
+}
+
+#[test]
+fn two_clicks_give_a_profile_of_splats_and_surface_model() {
+    let Some(chromium) = chromium() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let html = folder.path().join("town.html");
+    satgs::pipeline::write_page(run(), &html, false).unwrap();
+    let mut browser = Browser::open(&chromium, &format!("file://{}", html.display()));
+    browser.drawn();
+    for [x, y] in [[400.0, 280.0], [500.0, 330.0]] {
+        for kind in ["mousePressed", "mouseReleased"] {
+            let event = json!({ "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1 });
+            browser.call("Input.dispatchMouseEvent", event);
+        }
+    }
+    let table = browser.value("profileTable(profile)");
+    let mut lines = table.as_str().unwrap().lines();
+    assert_eq!(lines.next(), Some("distance_m,easting_m,northing_m,splats_m,dsm_m"));
+    let rows: Vec<Vec<Option<f64>>> =
+        lines.map(|line| line.split(',').map(|v| v.parse().ok()).collect()).collect();
+    assert_eq!(rows.len(), 240);
+    let level = browser.value("$('level').textContent");
+    let level: f64 = level.as_str().unwrap().trim_end_matches(" m").parse().unwrap();
+    assert!((rows[239][0].unwrap() - level).abs() < 0.01, "{level} {:?}", rows[239]);
+    let mut off: Vec<f64> = rows.iter().filter_map(|row| Some((row[3]? - row[4]?).abs())).collect();
+    off.sort_by(f64::total_cmp);
+    assert!(off.len() > 150 && off[off.len() / 2] < 1.0, "{} {:?}", off.len(), off.get(off.len() / 2));
+
+    browser.value("document.querySelector('[name=tint][value=height]').click()");
+    let legend = browser.value("$('heights').textContent");
+    assert!(legend.as_str().is_some_and(|text| text.matches(" m").count() == 2), "{legend}");
     assert!(browser.complaints.is_empty(), "{:?}", browser.complaints);
 }
 

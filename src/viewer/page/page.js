@@ -86,24 +86,6 @@ const lookFrom = (azimuth, elevation, target = middle, distance = radius * 3) =>
 
 const color = (sRgb) => new L.Color(sRgb);
 
-// Viridis of Matplotlib, from low to high.
-const HEIGHT_COLORS = [0x440154, 0x3b528b, 0x21918c, 0x5ec962, 0xfde725].map(color);
-
-// Colours of heights, from that below which 2 % of the cells lie to that above which 2 % do, as in dsm.qml; the two ends.
-const heightScale = (heights) => {
-  const sorted = heights.filter((z) => !Number.isNaN(z)).sort();
-  const ends = [0.02, 0.98].map((share) => sorted[Math.floor(share * sorted.length)] ?? 0);
-  const colors = new Float32Array(3 * heights.length);
-  const mixed = new L.Color();
-  heights.forEach((z, i) => {
-    const share = Math.min(Math.max((z - ends[0]) / (ends[1] - ends[0] || 1), 0), 1) || 0;
-    const place = share * (HEIGHT_COLORS.length - 1);
-    const k = Math.min(Math.floor(place), HEIGHT_COLORS.length - 2);
-    mixed.copy(HEIGHT_COLORS[k]).lerp(HEIGHT_COLORS[k + 1], place - k).toArray(colors, 3 * i);
-  });
-  return { colors, ends };
-};
-
 // Colours of the numbers of views, as in report.html: fewer than two (filled in), two, three, four or more; not known.
 const VIEW_COLORS = [0xe69f00, 0xa6cee3, 0x5696d6, 0x084594].map(color);
 const NOT_KNOWN = color(0xbebebe);
@@ -117,7 +99,7 @@ const makers = {
   async splats({ file }) {
     const mesh = new L.SplatMesh({ fileBytes: await bytesOf(file), fileName: file, extSplats: true });
     await mesh.initialized;
-    return mesh;
+    return new L.Group().add(mesh);
   },
 
   async relief({ file, texture, views, columns, rows, west, north, cell }) {
@@ -147,9 +129,10 @@ const makers = {
     shape.setIndex(triangles);
     shape.computeVertexNormals();
     const shaded = new L.MeshLambertMaterial({ color: 0xc9c4ba, side: L.DoubleSide });
-    const scale = heightScale(heights);
+    const ends = heightEnds(heights);
+    const byHeight = heightColors(heights, ends);
     const byViews = views && viewColors(await bytesOf(views));
-    shape.setAttribute("color", new L.BufferAttribute(scale.colors, 3));
+    shape.setAttribute("color", new L.BufferAttribute(byHeight, 3));
     const colored = new L.MeshLambertMaterial({ vertexColors: true, side: L.DoubleSide });
     let draped = shaded;
     if (texture) {
@@ -160,10 +143,8 @@ const makers = {
     const mesh = new L.Mesh(shape, draped);
     $("colors").addEventListener("change", ({ target }) => {
       mesh.material = { shade: shaded, height: colored, views: colored, ortho: draped }[target.value];
-      shape.setAttribute("color", new L.BufferAttribute(target.value === "views" ? byViews : scale.colors, 3));
-      $("heights").hidden = target.value !== "height";
+      shape.setAttribute("color", new L.BufferAttribute(target.value === "views" ? byViews : byHeight, 3));
       $("counts").hidden = target.value !== "views";
-      scale.ends.forEach((z, k) => ($("heights").children[k + 1].textContent = `${(z + run.origin[2]).toFixed(1)} m`));
       redraw();
     });
     // Comparing a ray with every triangle would take too long under a moving pointer: it is followed over the grid.
@@ -176,6 +157,7 @@ const makers = {
       const line = (k) => heights[k] * (1 - u) + heights[k + 1] * u;
       return line(i) * (1 - v) + line(i + columns) * v;
     };
+    Object.assign(mesh.userData, { heightAt, ends });
     mesh.raycast = ({ ray }, hits) => {
       const [box, at] = [shape.boundingBox, new L.Vector3()];
       const inside = box.containsPoint(ray.origin) ? ray.origin : ray.intersectBox(box, new L.Vector3());
@@ -267,12 +249,32 @@ const addLayer = (layer) => {
   world.add(layer.object);
   layers.push(layer);
 };
+const chosen = (name) => document.querySelector(`[type=radio][name=${name}]:checked`).value;
 const showColors = () => {
+  $("tints").hidden = !visible("splats").length;
   $("colors").hidden = !visible("relief").length;
+  const isByHeight = (kind, name) => visible(kind).length && chosen(name) === "height";
+  $("heights").hidden = !(isByHeight("relief", "relief") || isByHeight("splats", "tint"));
+  if (!$("heights").hidden) heightRange().forEach((z, k) => ($("heights").children[k + 1].textContent = metres(z + run.origin[2]).slice(0, -1) + (run.isOnMap ? " m" : "")));
   $("colors").querySelector("[value=ortho]").parentElement.hidden = !visible("relief").some((l) => l.texture);
   $("colors").querySelector("[value=views]").parentElement.hidden = !visible("relief").some((l) => l.views);
   $("named").hidden = !visible("cameras").length;
 };
+// The altitudes at the ends of the colours: of the surface model, else of the splats.
+const heightRange = () => {
+  const relief = layers.find((l) => l.kind === "relief");
+  return relief ? relief.object.userData.ends : heightEnds(splatCenterAltitudes(layers.find((l) => l.kind === "splats")));
+};
+const tintSplats = () => {
+  const modifier = chosen("tint") === "height" ? splatsByHeight(heightRange()) : undefined;
+  for (const mesh of layers.filter((l) => l.kind === "splats").flatMap((l) => l.object.children)) {
+    mesh.objectModifier = modifier;
+    mesh.updateGenerator();
+  }
+  redraw();
+};
+$("tints").addEventListener("change", () => (tintSplats(), showColors()));
+$("colors").addEventListener("change", () => showColors());
 const visible = (...kinds) => layers.filter((l) => kinds.includes(l.kind) && l.object.visible);
 
 // ---- Places: what is under the pointer, and map coordinates
@@ -288,14 +290,19 @@ const pick = (event) => {
   );
   const ray = new L.Raycaster();
   ray.setFromCamera(at, camera);
-  // Splats have no sharp surface: where there is a surface model or a mesh, it stands for them.
-  const relief = layers.filter((l) => l.kind === "relief");
-  const surfaces = [...visible("mesh"), ...(visible("relief", "splats").length ? relief : [])];
-  const hasSurface = relief.length || visible("mesh").length;
-  const hit = [...surfaces, ...(hasSurface ? [] : visible("splats"))]
-    .flatMap((layer) => ray.intersectObject(layer.object, true).map((found) => ({ ...found, layer })))
-    .reduce((a, b) => (a && a.distance <= b.distance ? a : b), null);
-  return hit && { point: hit.point, on: hit.layer.label };
+  const hits = visible("mesh", "relief").flatMap((layer) => ray.intersectObject(layer.object, true).map((hit) => ({ ...hit, layer })));
+  for (const layer of visible("splats")) {
+    const distance = splatDistance(layer, ray.ray);
+    if (!Number.isNaN(distance)) hits.push({ distance, point: ray.ray.at(distance, new L.Vector3()), layer });
+  }
+  const hit = hits.reduce((a, b) => (a && a.distance <= b.distance ? a : b), null);
+  return hit && { point: hit.point, on: hit.layer };
+};
+
+// The height of the surface model at a place of the scene; NaN where there is none.
+const reliefHeight = (place) => {
+  const relief = layers.find((l) => l.kind === "relief");
+  return relief ? relief.object.userData.heightAt(...world.worldToLocal(place.clone()).toArray()) + run.origin[2] : NaN;
 };
 
 // The camera whose picture of itself is near the pointer.
@@ -328,13 +335,19 @@ const showPlace = () => {
   if (found) {
     const [e, n, h] = map(found.point).map(metres);
     const frame = document.createElement("small");
-    frame.textContent = `${found.on}${run.frame ? ", " : ""}${run.frame}`;
+    const surface = found.on.kind === "splats" ? reliefHeight(found.point) : NaN;
+    const beside = Number.isNaN(surface) ? "" : `DSM ${metres(surface)} m`;
+    frame.textContent = [found.on.label, beside, run.frame].filter(Boolean).join(", ");
     $("place").append(run.isOnMap ? `E ${e}   N ${n}   height ${h} m` : `x ${e}   y ${n}   z ${h}`, frame);
   }
   pointer = null;
 };
-// Often enough for the eye; the ray is compared with every splat and triangle.
-setInterval(showPlace, 120);
+// Often enough for the eye, and no more of the time than a quarter: the ray is compared with every splat and triangle.
+const followPointer = () => {
+  const began = performance.now();
+  showPlace();
+  setTimeout(followPointer, Math.max(120, 3 * (performance.now() - began)));
+};
 
 // Names beside the cameras, as far as they do not cover each other.
 const showNames = () => {
@@ -388,6 +401,7 @@ const showMeasure = () => {
   $("rise").textContent = b ? metres(b.z - a.z) + unit : "";
   $("level").textContent = b ? metres(Math.hypot(b.x - a.x, b.y - a.y)) + unit : "";
   $("slant").textContent = b ? metres(a.distanceTo(b)) + unit : "";
+  showProfile(marks);
   redraw();
 };
 
@@ -420,6 +434,7 @@ const clearMeasure = () => {
 };
 addEventListener("keydown", ({ key }) => key === "Escape" && clearMeasure());
 $("clear").addEventListener("click", clearMeasure);
+$("save").addEventListener("click", () => saveText(`${run.title}-profile.csv`, profileTable(profile)));
 
 // ---- Drawing
 
@@ -513,11 +528,12 @@ const start = async () => {
   $("home").addEventListener("click", lookHome);
   $("top").addEventListener("click", () => lookFrom(180, 89.99));
   animate();
+  followPointer();
   for (const layer of run.layers) {
     $("state").textContent = `Loading ${layer.label}`;
     await new Promise((done) => setTimeout(done));
     layer.object = await makers[layer.kind](layer);
-    if (layer.kind === "splats") root.dataset.splats = layer.object.splats.getNumSplats();
+    if (layer.kind === "splats") root.dataset.splats = layer.object.children[0].extSplats.numSplats;
     addLayer(layer);
     redraw();
   }
@@ -528,4 +544,3 @@ const start = async () => {
   isLoaded = true;
   redraw();
 };
-start();
