@@ -14,6 +14,8 @@ pub const CAMERAS: &str = "cameras.json";
 pub const TRAIN_STAGE: &str = "train";
 /// What an interrupted training continues from, in the folder of a training.
 pub const CHECKPOINT: &str = "checkpoint.bin";
+/// The cameras of a training that is not complete, beside its checkpoint.
+pub const CHECKPOINT_CAMERAS: &str = "cameras.json";
 /// Folder of the parts of an unfinished matching, in the folder of a stage.
 pub const MATCHING: &str = "matching";
 /// Log of a training, one line an iteration, in such a folder.
@@ -64,6 +66,8 @@ pub const GROUND: &str = "dtm.tif";
 pub const ABOVE_GROUND: &str = "ndsm.tif";
 /// The mesh, by format.
 pub const MESHES: [&str; 2] = ["mesh.glb", "mesh.ply"];
+/// Folder of what `satgs view` keeps of large runs: the splats from coarse to fine.
+pub const VIEW: &str = "view";
 /// Folder of the scores.
 pub const EVALUATION: &str = "eval";
 /// Scores of the views of a perspective scene that were held back.

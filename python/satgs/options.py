@@ -584,9 +584,11 @@ class ViewOptions(Reporting, total=False):
     """Keyword arguments of :func:`satgs.view`.
 
     Args:
+        compare: Run to compare with by a divider that is moved across the picture.
         overwrite: Replace the file if it exists.
     """
 
+    compare: Path | None
     overwrite: bool | None
 
 

@@ -26,6 +26,7 @@ NO_ARGUMENT = {
     ("info", "devices"): "it takes no scene",
     ("tile run", "index"): "it is for job arrays of clusters, which give numbers",
     ("tile blend", "index"): "it is for job arrays of clusters, which give numbers",
+    ("view", "live"): "a call writes the page to a file",
     ("view", "port"): "a call writes the page to a file",
     ("view", "no-open"): "a call opens no browser",
 }

@@ -1,18 +1,25 @@
 //! `satgs view`: a run in the browser.
 
 use super::{CliError, Ui, ending};
-use crate::pipeline::{serve_page, write_page};
+use crate::pipeline::{serve_live_page, serve_page, write_page};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 /// Show a run in the browser: splats, mesh, surface model, sparse points and cameras
 ///
-/// The page turns the scene, switches layers, shows map coordinates under the pointer and measures between two points. It is served
-/// to this machine only, until Ctrl-C, and loads nothing from the network. With --html it is one file that opens without satgs.
+/// On the page you can turn the scene, switch layers, read map coordinates under the pointer, measure between two points and see
+/// the profile of heights between them. It is served only to this machine, until Ctrl-C; nothing is loaded from the network. With
+/// --html it is one file, which opens without satgs.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`, or of a tile
     run: PathBuf,
+    /// Compare with this run by a divider that is moved across the picture
+    #[arg(long, value_name = "RUN2")]
+    compare: Option<PathBuf>,
+    /// Watch a run that trains: the splats of every checkpoint, with iteration and loss
+    #[arg(long, conflicts_with_all = ["html", "compare"])]
+    live: bool,
     /// Write the page to this file (.html) instead of serving it
     #[arg(long, value_name = "FILE", value_parser = ending(&["html", "htm"]))]
     html: Option<PathBuf>,
@@ -30,7 +37,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     if let Some(file) = &args.html {
-        let page = write_page(&args.run, file, args.overwrite)?;
+        let page = write_page(&args.run, args.compare.as_deref(), file, args.overwrite)?;
         let megabytes = page.bytes as f64 / 1e6;
         let text = format!("{}, {megabytes:.1} MB: {}", page.page.display(), page.layers.join(", "));
         return ui.summary("view", Some(&text), &page);
@@ -42,7 +49,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         }
         Ok(())
     };
-    Ok(serve_page(&args.run, args.port, started, ui)?)
+    if args.live {
+        return Ok(serve_live_page(&args.run, args.port, started, ui)?);
+    }
+    Ok(serve_page(&args.run, args.compare.as_deref(), args.port, started, ui)?)
 }
 
 /// Opens an address in the user's browser. Where this is not possible, the address is on the terminal.

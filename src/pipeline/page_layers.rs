@@ -1,6 +1,7 @@
 //! The layers of the page of `satgs view`, from the files of a run folder.
 
 use super::PipelineError;
+use super::page_splats::PageSplats;
 use crate::affine::SiteScene;
 use crate::bundle::Adjustment;
 use crate::frame::{Geodetic, Point, Site, SiteGrid};
@@ -8,10 +9,11 @@ use crate::run_files::{ADJUSTMENT, CONFIDENCE, DSM, MESHES, ORTHO, SPARSE_POINTS
 use crate::viewer::{PageFile, PageLayer, ReliefLayer, ShownLayer, ViewerError, ViewerPage};
 use std::path::Path;
 
-/// Adds splats, from the content of a PLY file.
-pub(super) fn add_splats(page: &mut ViewerPage, ply: Vec<u8>, count: usize) {
-    page.files.push(PageFile { name: "splats.ply", bytes: ply });
-    let layer = PageLayer::Splats { file: "splats.ply" };
+/// Adds splats.
+pub(super) fn add_splats(page: &mut ViewerPage, splats: PageSplats) {
+    let PageSplats { files, count, .. } = splats;
+    let layer = PageLayer::Splats { files: files.iter().map(|file| file.name.clone()).collect(), count };
+    page.files.extend(files);
     page.layers.push(ShownLayer { layer, label: "Splats", note: grouped(count), is_shown: true });
 }
 
@@ -31,7 +33,7 @@ pub(super) fn add_mesh(
         [0.0; 3]
     };
     let note = format!("{} MB", bytes.len().div_ceil(1_000_000));
-    page.files.push(PageFile { name: file, bytes });
+    page.files.push(PageFile::new(file, bytes));
     let layer = PageLayer::Mesh { file, offset };
     page.layers.push(ShownLayer { layer, label: "Mesh", note, is_shown: false });
     Ok(())
@@ -61,7 +63,7 @@ pub(super) fn add_relief(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> 
     let if_there = |path: &'_ Path| path.exists().then(|| path.to_path_buf());
     let (ortho, confidence) = (if_there(&ortho), if_there(&confidence));
     let relief = ReliefLayer::read(&dsm, ortho.as_deref(), confidence.as_deref(), site)?;
-    page.files.push(PageFile { name: "relief.bin", bytes: relief.bytes() });
+    page.files.push(PageFile::new("relief.bin", relief.bytes()));
     let layer = PageLayer::Relief {
         file: "relief.bin",
         texture: relief.texture.is_some().then_some("ortho.png"),
@@ -73,10 +75,10 @@ pub(super) fn add_relief(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> 
         cell: relief.cell,
     };
     if let Some(bytes) = relief.texture {
-        page.files.push(PageFile { name: "ortho.png", bytes });
+        page.files.push(PageFile::new("ortho.png", bytes));
     }
     if let Some(bytes) = relief.views {
-        page.files.push(PageFile { name: "views.bin", bytes });
+        page.files.push(PageFile::new("views.bin", bytes));
     }
     page.layers.push(ShownLayer { layer, label: "DSM", note: format!("{} m", relief.cell), is_shown: false });
     Ok(())
@@ -104,7 +106,7 @@ pub(super) fn add_points(page: &mut ViewerPage, points: &[(Point<Site>, [u8; 3])
     let mut bytes: Vec<u8> =
         points.iter().flat_map(|(p, _)| p.xyz()).flat_map(|v| (v as f32).to_le_bytes()).collect();
     bytes.extend(points.iter().flat_map(|(_, rgb)| rgb));
-    page.files.push(PageFile { name: "points.bin", bytes });
+    page.files.push(PageFile::new("points.bin", bytes));
     let (layer, note) =
         (PageLayer::Points { file: "points.bin", count: points.len() }, grouped(points.len()));
     page.layers.push(ShownLayer { layer, label: "Sparse points", note, is_shown: false });

@@ -5,9 +5,9 @@ use super::PipelineError;
 use super::run_folder::stage::{Fingerprint, Stage};
 use super::train_options::TrainOptions;
 use super::trained::mean;
-use crate::io::{RgbImage, WriteError, write_atomically};
+use crate::io::{RgbImage, WriteError, write_atomically, write_json};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CHECKPOINT, SNAPSHOTS, TRAINING_CURVES, TRAINING_LOG};
+use crate::run_files::{CHECKPOINT, CHECKPOINT_CAMERAS, SNAPSHOTS, TRAINING_CURVES, TRAINING_LOG};
 use crate::splat::backend::{BackendError, CpuBackend, TrainingBackend, ViewModel};
 use crate::splat::state::TrainingState;
 use crate::splat::train::checkpoint::Checkpoint;
@@ -173,6 +173,11 @@ impl<'a> TrainingStage<'a> {
         self.write_log(log)
     }
 
+    /// Writes the cameras in whose frame the splats of the checkpoints are, for those who look at them.
+    pub fn write_cameras(&self, cameras: &impl serde::Serialize) -> Result<(), PipelineError> {
+        Ok(write_json(&self.folder.join(CHECKPOINT_CAMERAS), cameras)?)
+    }
+
     /// Writes a line for each iteration, and the curves.
     pub fn write_log(&self, log: &[LogLine]) -> Result<(), PipelineError> {
         write_csv(&self.folder.join(TRAINING_LOG), log)?;
@@ -204,6 +209,7 @@ impl<'a> TrainingStage<'a> {
     /// A checkpoint that is left behind does no harm.
     fn remove_checkpoint(&self) {
         let _ = std::fs::remove_file(self.checkpoint());
+        let _ = std::fs::remove_file(self.folder.join(CHECKPOINT_CAMERAS));
     }
 }
 

@@ -1,12 +1,14 @@
 //! The page that shows a run: `satgs view`.
 
 use super::page_layers::{add_mesh, add_points, add_relief, add_splats, add_tie_points, grouped};
+use super::page_splats::PageSplats;
 use super::run_folder::perspective_manifest;
 use super::run_folder::tiled::require_one_area;
 use super::{
     PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, relocation,
 };
 use crate::affine::{SiteScene, SiteView};
+use crate::frame::SiteGrid;
 use crate::io::{check_writable, write_file};
 use crate::progress::Progress;
 use crate::run_files::SPLATS;
@@ -14,11 +16,11 @@ use crate::scene::Role;
 use crate::splat::ply::{self, ScaleColumns};
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
-use crate::viewer::{CameraMark, PageLayer, PageScope, ShownLayer, ViewerError, ViewerPage, serve};
+use crate::viewer::{CameraMark, PageLayer, PageScope, ShownLayer, ViewerError, ViewerPage, bind, serve};
 use glam::DVec3;
 use serde::Serialize;
-use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Distance at which satellites are drawn, in half diagonals of the area.
 const SATELLITE_DISTANCE: f64 = 1.0;
@@ -40,41 +42,55 @@ pub struct WrittenPage {
     pub layers: Vec<&'static str>,
 }
 
-/// Writes the page of a run as one HTML file, which opens without a network connection.
+/// Writes the page of a run as one HTML file, which opens without a network connection. It compares with the `other` run, if there
+/// is one.
 ///
 /// # Errors
 /// [`PipelineError`] as [`view_page`]; the file exists and `overwrite` is not set, it cannot be written, or would be too
-/// large for browsers.
-pub fn write_page(run: &Path, file: &Path, overwrite: bool) -> Result<WrittenPage, PipelineError> {
+/// large for browsers; the runs are on different maps.
+pub fn write_page(
+    run: &Path,
+    other: Option<&Path>,
+    file: &Path,
+    overwrite: bool,
+) -> Result<WrittenPage, PipelineError> {
     if file.exists() && !overwrite {
         return Err(PipelineError::Exists { path: file.into() });
     }
     check_writable(file)?;
-    let page = view_page(run)?;
+    let page = compared(run, other)?;
     let html = page.html()?;
     write_file(file, &html)?;
     let layers = page.layers.iter().map(|l| l.label).collect();
     Ok(WrittenPage { page: file.into(), bytes: html.len() as u64, layers })
 }
 
-/// Serves the page of a run to the browser of this machine, on a port or a free one, until `progress` asks to stop.
-/// `started` gets the address of the page.
+/// Serves the page of a run to the browser of this machine, on a port or a free one, until `progress` asks to stop. It compares
+/// with the `other` run, if there is one. `started` gets the address of the page.
 ///
 /// # Errors
-/// [`PipelineError`] as [`view_page`]; the port is in use. [`PipelineError::Interrupted`] at the end.
+/// [`PipelineError`] as [`view_page`]; the port is in use; the runs are on different maps. [`PipelineError::Interrupted`] at the
+/// end.
 pub fn serve_page(
     run: &Path,
+    other: Option<&Path>,
     port: Option<u16>,
     started: impl FnOnce(&str) -> Result<(), PipelineError>,
     progress: &dyn Progress,
 ) -> Result<(), PipelineError> {
-    let taken = |cause| ViewerError::Port { port: port.unwrap_or_default(), cause };
     // A port in use is reported before the files are read.
-    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port.unwrap_or(0))).map_err(taken)?;
-    let page = view_page(run)?;
-    let address = listener.local_addr().map_err(taken)?;
-    started(&format!("http://{address}/"))?;
-    Ok(serve(&listener, &page, progress)?)
+    let (listener, address) = bind(port)?;
+    let page = Arc::new(compared(run, other)?);
+    started(&address)?;
+    Ok(serve(&listener, &|| page.clone(), progress)?)
+}
+
+fn compared(run: &Path, other: Option<&Path>) -> Result<ViewerPage, PipelineError> {
+    let mut page = view_page(run)?;
+    if let Some(other) = other {
+        page.compare(view_page(other)?)?;
+    }
+    Ok(page)
 }
 
 /// The page of a run, with a layer for each of its results that exists.
@@ -86,35 +102,50 @@ pub fn view_page(run: &Path) -> Result<ViewerPage, PipelineError> {
     if !run.join(SPLATS).exists() {
         return Err(ViewerError::NoSplats { run: run.into() }.into());
     }
-    let folder = run.canonicalize().unwrap_or_else(|_| run.into());
-    let title = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    if perspective_manifest::is_run(run) { perspective_page(run, title) } else { satellite_page(run, title) }
+    if perspective_manifest::is_run(run) { perspective_page(run) } else { satellite_page(run) }
 }
 
-fn satellite_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError> {
+/// The name of a run's folder.
+pub(super) fn title_of(run: &Path) -> String {
+    let folder = run.canonicalize().unwrap_or_else(|_| run.into());
+    folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+/// The PLY file of splats, on the map if there is a site.
+pub(super) fn encoded(splats: &Splats, site: Option<&SiteGrid>) -> Vec<u8> {
+    match site {
+        Some(site) => ply::encode(splats, site, ScaleColumns::Three),
+        None => ply::encode_local(splats, ScaleColumns::Three),
+    }
+}
+
+fn satellite_page(run: &Path) -> Result<ViewerPage, PipelineError> {
     relocation::finish(run)?;
     let cameras = TrainedCameras::read(run)?;
     let setup = &cameras.setup;
-    let mut page = ViewerPage::new(title, Some(&setup.site), PageScope::of_area(setup.area));
-    let splats = cameras.read_shown_splats(run)?;
-    add_splats(&mut page, ply::encode(&splats, &setup.site, ScaleColumns::Three), splats.len());
+    let scope = PageScope::of_area(setup.area);
+    let mut page = ViewerPage::new(title_of(run), Some(&setup.site), scope);
+    let read = || Ok((cameras.read_shown_splats(run)?, scope));
+    add_splats(&mut page, PageSplats::of_run(run, read, |splats| encoded(splats, Some(&setup.site)))?);
     add_mesh(&mut page, run, Some(&setup.site))?;
     add_relief(&mut page, run, &setup.site)?;
     add_tie_points(&mut page, run, setup)?;
-    add_cameras(&mut page, satellites(setup));
+    add_satellites(&mut page, setup);
     Ok(page)
 }
 
-fn perspective_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError> {
+fn perspective_page(run: &Path) -> Result<ViewerPage, PipelineError> {
     let cameras = PerspectiveCameras::read(run)?;
-    let splats = PerspectiveCameras::read_splats(run)?;
     let site = cameras.site.as_ref();
-    let scope = scope_of(&splats, &cameras);
-    let mut page = ViewerPage::new(title, site, scope);
-    let columns = ScaleColumns::Three;
-    let ply =
-        site.map_or_else(|| ply::encode_local(&splats, columns), |site| ply::encode(&splats, site, columns));
-    add_splats(&mut page, ply, splats.len());
+    let read = || {
+        let splats = PerspectiveCameras::read_splats(run)?;
+        let scope = scope_of(&splats, &cameras);
+        Ok((splats, scope))
+    };
+    let splats = PageSplats::of_run(run, read, |splats| encoded(splats, site))?;
+    let scope = splats.scope;
+    let mut page = ViewerPage::new(title_of(run), site, scope);
+    add_splats(&mut page, splats);
     add_mesh(&mut page, run, site)?;
     if let Some(site) = site {
         add_relief(&mut page, run, site)?;
@@ -127,15 +158,13 @@ fn perspective_page(run: &Path, title: String) -> Result<ViewerPage, PipelineErr
         let points: Vec<_> = scene.points.iter().map(|p| (p.position, p.rgb)).collect();
         add_points(&mut page, &points);
     }
-    let depth = PHOTOGRAPH_DEPTH * scope.radius;
-    let mark = |v: &TrainedPhoto| CameraMark::of_pinhole(&v.name, v.role == Role::Test, &v.camera(), depth);
-    add_cameras(&mut page, cameras.views.iter().map(mark).collect());
+    add_photographs(&mut page, &cameras, scope);
     Ok(page)
 }
 
 /// The ball around the median of the splats that holds most of them. Without a map, up is the mean of the upward directions
 /// of the images.
-fn scope_of(splats: &Splats, cameras: &PerspectiveCameras) -> PageScope {
+pub(super) fn scope_of(splats: &Splats, cameras: &PerspectiveCameras) -> PageScope {
     let axis = |k: usize| quantile(splats.position.iter().map(|p| f64::from(p[k])).collect(), 0.5);
     let middle = DVec3::from_array([0, 1, 2].map(|k| axis(k).unwrap_or_default()));
     let distance = |p: &[f32; 3]| DVec3::from_array(p.map(f64::from)).distance(middle);
@@ -154,12 +183,19 @@ fn add_cameras(page: &mut ViewerPage, views: Vec<CameraMark>) {
     page.layers.push(ShownLayer { layer, label: "Cameras", note, is_shown: true });
 }
 
-/// The views of a satellite run, whose lines of sight end in the middle of the area.
-fn satellites(setup: &SiteScene) -> Vec<CameraMark> {
+/// Adds photographs.
+pub(super) fn add_photographs(page: &mut ViewerPage, cameras: &PerspectiveCameras, scope: PageScope) {
+    let depth = PHOTOGRAPH_DEPTH * scope.radius;
+    let mark = |v: &TrainedPhoto| CameraMark::of_pinhole(&v.name, v.role == Role::Test, &v.camera(), depth);
+    add_cameras(page, cameras.views.iter().map(mark).collect());
+}
+
+/// Adds the views of a satellite run, whose lines of sight end in the middle of the area.
+pub(super) fn add_satellites(page: &mut ViewerPage, setup: &SiteScene) {
     let (west, south, east, north) = setup.area;
     let middle = [0.5 * (west + east), 0.5 * (south + north), 0.0];
     let distance = SATELLITE_DISTANCE * 0.5 * (east - west).hypot(north - south);
     let mark =
         |v: &SiteView| CameraMark::of_satellite(&v.name, v.role == Role::Test, &v.camera, middle, distance);
-    setup.views.iter().map(mark).collect()
+    add_cameras(page, setup.views.iter().map(mark).collect());
 }

@@ -24,6 +24,23 @@ pub enum ViewerError {
         /// Largest size, MB.
         limit: u64,
     },
+    /// Two runs cannot be compared.
+    #[error("the runs are on different maps: {first}, and {second}")]
+    #[diagnostic(help("--compare needs two runs in the same UTM zone, or two without a map"))]
+    OtherMap {
+        /// What coordinates of the first refer to.
+        first: String,
+        /// What those of the second refer to.
+        second: String,
+    },
+    /// A file of the page cannot be read.
+    #[error("`{name}` of the page cannot be read: {cause}")]
+    Unreadable {
+        /// Its name.
+        name: String,
+        /// Error of the operating system.
+        cause: std::io::Error,
+    },
     /// A mesh cannot be placed.
     #[error("`{path}` cannot be shown: {reason}")]
     #[diagnostic(help("`satgs mesh RUN -o FILE` makes it again"))]

@@ -8,13 +8,18 @@
 //! that `scripts/build-viewer` makes.
 
 mod camera_mark;
+mod comparison;
+mod detail;
 mod error;
+mod live;
 mod page;
 mod relief;
 mod server;
 
 pub use camera_mark::CameraMark;
+pub use detail::{coarse_to_fine, parts};
 pub use error::ViewerError;
-pub use page::{PageFile, PageLayer, PageScope, ShownLayer, ViewerPage};
+pub use live::LiveState;
+pub use page::{PageContent, PageFile, PageLayer, PageScope, ShownLayer, ViewerPage};
 pub use relief::ReliefLayer;
-pub use server::serve;
+pub use server::{bind, serve};

@@ -1,12 +1,14 @@
 //! The page: its layers, their files, and the HTML around them.
 
-use super::{CameraMark, ViewerError};
+use super::{CameraMark, LiveState, ViewerError};
 use crate::frame::{SiteBox, SiteGrid};
 use crate::io::escape_xml;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::fmt::Write;
+use std::path::PathBuf;
 
 /// Largest size of a page in one file, MB. Texts of Chromium are at most 512 MB long.
 const LARGEST_PAGE_MB: u64 = 500;
@@ -20,6 +22,9 @@ pub(super) const PROGRAM: &str = concat!(
     include_str!("page/pick.js"),
     include_str!("page/heights.js"),
     include_str!("page/profile.js"),
+    include_str!("page/detail.js"),
+    include_str!("page/live.js"),
+    include_str!("page/swipe.js"),
     "start();\n",
 );
 const LOADER: &str = include_str!("page/loader.js");
@@ -30,10 +35,48 @@ const LICENSES: &str = include_str!("page/dist/LICENSES.txt");
 /// A file that a layer is read from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PageFile {
-    /// Its name, of letters, digits and dots.
-    pub name: &'static str,
+    /// Its name, of letters, digits, dots and hyphens.
+    pub name: Cow<'static, str>,
     /// Its content.
-    pub bytes: Vec<u8>,
+    pub content: PageContent,
+}
+
+impl PageFile {
+    /// A file with this content.
+    #[must_use]
+    pub fn new(name: &'static str, bytes: Vec<u8>) -> Self {
+        Self { name: name.into(), content: PageContent::Bytes(bytes) }
+    }
+}
+
+/// The content of a file of the page.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PageContent {
+    /// These bytes.
+    Bytes(Vec<u8>),
+    /// That of a file on disk.
+    File(PathBuf),
+}
+
+impl PageContent {
+    /// Number of bytes.
+    fn len(&self) -> u64 {
+        match self {
+            Self::Bytes(bytes) => bytes.len() as u64,
+            Self::File(path) => path.metadata().map_or(0, |m| m.len()),
+        }
+    }
+
+    /// The bytes.
+    ///
+    /// # Errors
+    /// The error of the file system.
+    pub(super) fn read(&self) -> std::io::Result<Cow<'_, [u8]>> {
+        Ok(match self {
+            Self::Bytes(bytes) => Cow::Borrowed(bytes),
+            Self::File(path) => Cow::Owned(std::fs::read(path)?),
+        })
+    }
 }
 
 /// What a layer consists of; coordinates are in the site frame, metres.
@@ -42,8 +85,10 @@ pub struct PageFile {
 pub enum PageLayer {
     /// Gaussian splats.
     Splats {
-        /// A PLY file of 3DGS.
-        file: &'static str,
+        /// PLY files of 3DGS, from coarse to fine: the more of them, the more detail.
+        files: Vec<Cow<'static, str>>,
+        /// Number of splats of all files.
+        count: usize,
     },
     /// A surface model in relief.
     Relief {
@@ -101,7 +146,7 @@ pub struct ShownLayer {
 }
 
 /// What a page looks at: a ball around a place, in the site frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PageScope {
     /// Its middle.
     pub middle: [f64; 3],
@@ -120,6 +165,19 @@ impl PageScope {
     }
 }
 
+/// The run that a page compares with.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Comparison {
+    /// Its title.
+    pub(super) title: String,
+    /// Its origin in the frame of the first run, metres.
+    pub(super) offset: [f64; 3],
+    /// What its files' names begin with.
+    pub(super) prefix: &'static str,
+    /// Its layers.
+    pub(super) layers: Vec<ShownLayer>,
+}
+
 /// A page that shows a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "camelCase")]
@@ -127,9 +185,9 @@ pub struct ViewerPage {
     /// The title.
     pub title: String,
     /// Map coordinates of the site's origin: easting, northing, ellipsoidal height in metres; zero without a map.
-    origin: [f64; 3],
+    pub(super) origin: [f64; 3],
     /// What map coordinates refer to; empty without a map.
-    frame: String,
+    pub(super) frame: String,
     /// Whether positions are on the map; otherwise they have no unit.
     is_on_map: bool,
     /// What is looked at.
@@ -137,6 +195,10 @@ pub struct ViewerPage {
     scope: PageScope,
     /// The layers in the order of the list.
     pub layers: Vec<ShownLayer>,
+    /// The run that is compared with.
+    pub(super) other: Option<Comparison>,
+    /// How far the training is, if it is watched.
+    pub live: Option<LiveState>,
     /// The files of the layers.
     #[serde(skip)]
     pub files: Vec<PageFile>,
@@ -154,6 +216,8 @@ impl ViewerPage {
             is_on_map: site.is_some(),
             scope,
             layers: Vec::new(),
+            other: None,
+            live: None,
             files: Vec::new(),
         }
     }
@@ -161,20 +225,24 @@ impl ViewerPage {
     /// The page as one HTML file, which opens without a network connection.
     ///
     /// # Errors
-    /// [`ViewerError::TooLarge`].
+    /// [`ViewerError::TooLarge`], [`ViewerError::Unreadable`].
     pub fn html(&self) -> Result<String, ViewerError> {
-        let bytes: u64 = self.files.iter().map(|f| f.bytes.len() as u64).sum();
+        let bytes: u64 = self.files.iter().map(|f| f.content.len()).sum();
         let megabytes = bytes / 3 * 4 / 1_000_000;
         if megabytes > LARGEST_PAGE_MB {
             return Err(ViewerError::TooLarge { megabytes, limit: LARGEST_PAGE_MB });
         }
         let mut scripts = String::with_capacity(bytes as usize / 3 * 4 + (2 << 20));
-        let libraries = ("libraries.js.gz", LIBRARIES);
-        for (name, bytes) in self.files.iter().map(|f| (f.name, f.bytes.as_slice())).chain([libraries]) {
+        let mut add = |name: &str, bytes: &[u8]| {
             let _ = write!(scripts, "<script type=\"text/plain\" id=\"file:{name}\">");
             STANDARD.encode_string(bytes, &mut scripts);
             scripts.push_str("</script>\n");
+        };
+        for PageFile { name, content } in &self.files {
+            let unreadable = |cause| ViewerError::Unreadable { name: name.to_string(), cause };
+            add(name, &content.read().map_err(unreadable)?);
         }
+        add("libraries.js.gz", LIBRARIES);
         let _ = write!(
             scripts,
             "<script type=\"text/plain\" id=\"program\">\n{PROGRAM}</script>\n<script>\n{LOADER}</script>\n"
@@ -184,14 +252,20 @@ impl ViewerPage {
 
     /// The page that a server sends; it asks the server for the files.
     #[must_use]
-    pub fn index(&self) -> String {
+    pub(super) fn index(&self) -> String {
         self.with_scripts("<script src=\"libraries.js\"></script>\n<script src=\"page.js\"></script>\n")
+    }
+
+    /// What the page shows, as JSON.
+    #[must_use]
+    pub(super) fn run(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default()
     }
 
     fn with_scripts(&self, scripts: &str) -> String {
         let title = escape_xml(&self.title);
         // A text with `</script>` in it would end the element.
-        let run = serde_json::to_string(self).unwrap_or_default().replace('<', "\\u003c");
+        let run = self.run().replace('<', "\\u003c");
         format!(
             "<!doctype html>\n<!--\n{LICENSES}-->\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width\">\n<link rel=\"icon\" href=\"data:,\">\n\
@@ -211,7 +285,7 @@ mod tests {
         let mut page = ViewerPage::new(title.into(), Some(&site), PageScope::of_area((-1.0, -2.0, 3.0, 4.0)));
         let layer = PageLayer::Points { file: "points.bin", count: 0 };
         page.layers.push(ShownLayer { layer, label: "Points", note: "0".into(), is_shown: false });
-        page.files.push(PageFile { name: "points.bin", bytes: vec![1, 2, 3] });
+        page.files.push(PageFile::new("points.bin", vec![1, 2, 3]));
         page
     }
 

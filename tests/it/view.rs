@@ -129,8 +129,22 @@ impl Browser {
         found["result"]["value"].clone()
     }
 
+    /// Waits until an expression has this value.
+    fn wait_for(&mut self, expression: &str, expected: &str) {
+        let began = Instant::now();
+        loop {
+            let found = self.value(expression);
+            if found == expected {
+                return;
+            }
+            assert!(began.elapsed() < PATIENCE, "{expression} is {found}: {:?}", self.complaints);
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
     /// What the page says of the place under the pointer, once it names this layer.
     fn place_at(&mut self, x: f64, y: f64, layer: &str) -> String {
+        self.value("$('place').replaceChildren()");
         self.call("Input.dispatchMouseEvent", json!({ "type": "mouseMoved", "x": x, "y": y }));
         let began = Instant::now();
         loop {
@@ -215,7 +229,7 @@ fn two_clicks_give_a_profile_of_splats_and_surface_model() {
     let Some(chromium) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let html = folder.path().join("town.html");
-    satgs::pipeline::write_page(run(), &html, false).unwrap();
+    satgs::pipeline::write_page(run(), None, &html, false).unwrap();
     let mut browser = Browser::open(&chromium, &format!("file://{}", html.display()));
     browser.drawn();
     for [x, y] in [[400.0, 280.0], [500.0, 330.0]] {
@@ -248,7 +262,7 @@ fn photographs_and_splats_without_a_map_are_shown_upright() {
     let folder = tempfile::tempdir().unwrap();
     common::photographs::make_run(folder.path());
     let (run, html) = (folder.path().join("run"), folder.path().join("ball.html"));
-    let page = satgs::pipeline::write_page(&run, &html, false).unwrap();
+    let page = satgs::pipeline::write_page(&run, None, &html, false).unwrap();
     assert_eq!(page.layers, ["Splats", "Sparse points", "Cameras"]);
     let Some(chromium) = chromium() else { return };
     let mut browser = Browser::open(&chromium, &format!("file://{}", html.display()));
@@ -271,7 +285,7 @@ fn a_served_page_draws_the_splats() {
     let url = line.split_whitespace().next().unwrap().to_owned();
     let address = url.trim_start_matches("http://").trim_end_matches('/');
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.write_all(format!("GET /splats.ply HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes()).unwrap();
+    stream.write_all(format!("GET /splats-0.ply HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes()).unwrap();
     let mut answer = Vec::new();
     stream.read_to_end(&mut answer).unwrap();
     let answer = String::from_utf8_lossy(&answer[..2000]).into_owned();
@@ -284,6 +298,68 @@ fn a_served_page_draws_the_splats() {
             "{data} {:?}",
             browser.complaints
         );
+    }
+    server.kill().unwrap();
+    server.wait().unwrap();
+}
+
+#[test]
+fn two_runs_are_compared_by_a_divider() {
+    let folder = tempfile::tempdir().unwrap();
+    let html = folder.path().join("both.html");
+    satgs::pipeline::write_page(run(), Some(run()), &html, false).unwrap();
+    let Some(chromium) = chromium() else { return };
+    let mut browser = Browser::open(&chromium, &format!("file://{}", html.display()));
+    browser.drawn();
+    browser.wait_for("document.documentElement.dataset.other", "splats relief");
+    let ours = browser.place_at(400.0, 310.0, "Splats");
+    let theirs = browser.place_at(500.0, 310.0, "Splats of ");
+    assert!(!ours.contains("Splats of ") && theirs.contains("DSM "), "{ours}, {theirs}");
+    // With the divider farther to the right, the same place is of the first run.
+    browser.value("moveDivider(0.8)");
+    let moved = browser.place_at(501.0, 310.0, "Splats");
+    assert!(!moved.contains("Splats of "), "{moved}");
+    assert!((numbers(&moved)[0] - numbers(&theirs)[0]).abs() < 2.0, "{theirs}, {moved}");
+    assert!(browser.complaints.is_empty(), "{:?}", browser.complaints);
+}
+
+#[test]
+fn a_training_is_watched_from_the_first_checkpoint_to_its_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().to_str().unwrap();
+    let satgs = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_satgs"));
+        command.args(args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    let mut training =
+        satgs(&["run", "data/town", "-o", path, "--iterations", "300", "--checkpoint-every", "20"]);
+    let mut server = satgs(&["view", path, "--live", "--no-open"]);
+    let mut line = String::new();
+    BufReader::new(server.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let url = line.split_whitespace().next().unwrap().to_owned();
+    let address = url.trim_start_matches("http://").trim_end_matches('/').to_owned();
+    let seen = || {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.write_all(format!("GET /run.json HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        serde_json::from_str::<Value>(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap()
+    };
+    let first = seen();
+    assert_eq!(first["live"]["iterations"], 300, "{}", first["live"]);
+    assert_eq!(first["layers"][0]["kind"], "splats");
+    let mut browser = chromium().map(|chromium| Browser::open(&chromium, &url));
+    assert!(training.wait().unwrap().success());
+    let began = Instant::now();
+    while seen()["layers"].as_array().unwrap().iter().all(|layer| layer["kind"] != "relief") {
+        assert!(began.elapsed() < PATIENCE, "{}", seen());
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    if let Some(browser) = &mut browser {
+        browser.drawn();
+        browser.wait_for("document.documentElement.dataset.training", "Training is complete");
+        browser.wait_for("String(layers.some((l) => l.kind === 'relief'))", "true");
+        assert!(browser.value("document.documentElement.dataset.failures").is_null());
     }
     server.kill().unwrap();
     server.wait().unwrap();
@@ -313,6 +389,9 @@ fn what_cannot_be_shown_is_refused_with_a_reason() {
         (vec!["view", run, "--html", &path("page.pdf")], ".html"),
         (vec!["view", run, "--port", &port, "--no-open"], &format!("port {port}")),
         (vec!["view", run, "--port", "0"], "1..=65535"),
+        (vec!["view", &path("nowhere"), "--live", "--no-open"], "holds no splats"),
+        (vec!["view", run, "--live", "--html", &new], "cannot be used with"),
+        (vec!["view", run, "--compare", &path("nowhere"), "--html", &new], "holds no splats"),
     ] {
         let (said, code) = refusal(&args);
         assert!(said.contains(says) && code == Some(2), "{args:?}: {code:?} {said}");

@@ -3,7 +3,7 @@
 use super::super::PipelineError;
 use super::super::photographs::{check_poses, read_views, require_own_images};
 use super::super::predict::{prediction_of, read_predicted};
-use super::super::run_folder::perspective_cameras::write_trained;
+use super::super::run_folder::perspective_cameras::{PerspectiveCameras, write_trained};
 use super::super::run_folder::perspective_fingerprint::perspective_fingerprint;
 use super::super::run_folder::perspective_manifest::PerspectiveManifest;
 use super::super::run_folder::stage::{Fingerprint, Outcome, hash, hash_file};
@@ -96,6 +96,8 @@ pub fn train_scene(
         is_gray: false,
         seed: options.seed,
     };
+    let at_start = frame.leave_splats(so_far.state.splats.clone());
+    stage.write_cameras(&PerspectiveCameras::new(scene, &frame, &at_start, recipe.clone()))?;
     let views = Arc::new(views);
     let (so_far, device) = train_photographs(&stage, &views, &schedule, so_far, (options.device, progress))?;
 

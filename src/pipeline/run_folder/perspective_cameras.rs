@@ -117,6 +117,33 @@ fn metre() -> f64 {
 }
 
 impl PerspectiveCameras {
+    /// The cameras of a scene, and the box of its splats, which are in the frame of the scene.
+    #[must_use]
+    pub fn new(
+        scene: &PerspectiveScene,
+        frame: &WorkingFrame,
+        splats: &Splats,
+        recipe: Recipe<PerspectiveRecipe>,
+    ) -> Self {
+        let [x, y, z] = [0, 1, 2].map(|k| range(splats, k));
+        let training: Vec<PinholeCamera> = scene.training().map(|v| v.camera).collect();
+        Self {
+            site: scene.georeference.as_ref().map(|g| g.grid),
+            extent_m: extent_m(&training),
+            unit: frame.unit(),
+            area: (x.0, y.0, x.1, y.1),
+            altitudes: z,
+            views: scene.views.iter().map(TrainedPhoto::new).collect(),
+            recipe,
+        }
+    }
+
+    /// The frame in which the scene was trained.
+    #[must_use]
+    pub fn working_frame(&self) -> WorkingFrame {
+        WorkingFrame::of_cameras(self.unit, &self.training_cameras())
+    }
+
     /// A picture of splats of this run.
     #[must_use]
     pub fn picture(&self, splats: &Splats, camera: &PinholeCamera) -> PinholePicture {
@@ -166,22 +193,11 @@ pub fn write_trained(
     splats: &Splats,
     recipe: Recipe<PerspectiveRecipe>,
 ) -> Result<PerspectiveCameras, PipelineError> {
-    let site = scene.georeference.as_ref().map(|g| g.grid);
-    match &site {
+    let cameras = PerspectiveCameras::new(scene, frame, splats, recipe);
+    match &cameras.site {
         Some(site) => ply::write(&run.join(SPLATS), splats, site)?,
         None => ply::write_local(&run.join(SPLATS), splats)?,
     }
-    let [x, y, z] = [0, 1, 2].map(|k| range(splats, k));
-    let training: Vec<PinholeCamera> = scene.training().map(|v| v.camera).collect();
-    let cameras = PerspectiveCameras {
-        site,
-        extent_m: extent_m(&training),
-        unit: frame.unit(),
-        area: (x.0, y.0, x.1, y.1),
-        altitudes: z,
-        views: scene.views.iter().map(TrainedPhoto::new).collect(),
-        recipe,
-    };
     write_json(&run.join(CAMERAS), &cameras)?;
     Ok(cameras)
 }

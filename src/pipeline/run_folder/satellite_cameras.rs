@@ -77,14 +77,19 @@ impl TrainedCameras {
     /// # Errors
     /// [`PipelineError::Ply`].
     pub fn read_shown_splats(&self, run: &Path) -> Result<Splats, PipelineError> {
-        let mut splats = self.read_splats(run)?;
+        Ok(self.shown(self.read_splats(run)?))
+    }
+
+    /// Splats of linear colours in those of the orthophoto.
+    #[must_use]
+    pub fn shown(&self, mut splats: Splats) -> Splats {
         let reference = self.reference_appearance();
         let sunlit = reference.sunlit();
         let encode = |v| self.setup.transfer_function.encoded(v);
         for f_dc in &mut splats.f_dc {
             *f_dc = f_dc_from_color(sunlit(color_from_f_dc(*f_dc)).map(encode));
         }
-        Ok(splats)
+        splats
     }
 
     /// The view of this name.

@@ -93,6 +93,7 @@ fn train_heights(
             let cameras = training.cameras(&so_far.state, &views, first.as_ref());
             surface_is_known(KnownSurface { cameras, splats: &so_far.state.splats, heights })?;
         }
+        stage.write_cameras(&training.cameras(&so_far.state, &views, first.as_ref()))?;
         let (altitudes, appearance) = (training.setup.altitudes, training.recipe.kind.appearance);
         let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
         let scene = || SatelliteScene {

@@ -38,7 +38,6 @@ impl WorkingFrame {
     /// [`PerspectiveError`] if a depth map that is needed cannot be read.
     pub fn of(scene: &PerspectiveScene) -> Result<Self, PerspectiveError> {
         let cameras: Vec<PinholeCamera> = scene.training().map(|view| view.camera).collect();
-        let origin = cameras.iter().map(|c| c.center).sum::<DVec3>() / cameras.len().max(1) as f64;
         let is_length = |v: &f64| v.is_normal() && *v > 0.0;
         let nearer = |depths: Vec<f64>| quantile(depths, NEARER).filter(is_length);
         let mut unit = nearer(depths_of_points(&cameras, &scene.points));
@@ -49,7 +48,14 @@ impl WorkingFrame {
             let focus = focus(&cameras);
             quantile(cameras.iter().map(|c| 0.5 * c.center.distance(focus)).collect(), 0.5).filter(is_length)
         };
-        Ok(Self { unit: unit.or_else(to_focus).unwrap_or(1.0), origin })
+        Ok(Self::of_cameras(unit.or_else(to_focus).unwrap_or(1.0), &cameras))
+    }
+
+    /// The frame of this unit, metres or units of the scene, whose origin is the mean of the training cameras.
+    #[must_use]
+    pub fn of_cameras(unit: f64, cameras: &[PinholeCamera]) -> Self {
+        let origin = cameras.iter().map(|c| c.center).sum::<DVec3>() / cameras.len().max(1) as f64;
+        Self { unit, origin }
     }
 
     /// Length of a working unit, metres or units of the scene.

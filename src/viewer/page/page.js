@@ -58,7 +58,8 @@ let hasTurned = false;
 controls.addEventListener("start", () => (hasTurned = true));
 // Centres as f32: half-precision ones would be off by decimetres.
 const spark = new L.SparkRenderer({ renderer, onDirty: redraw, accumExtSplats: true });
-scene.add(spark, new L.AmbientLight(0xffffff, 0.9));
+const ambient = new L.AmbientLight(0xffffff, 0.9);
+scene.add(spark, ambient);
 // From the north-west, as on maps.
 const sun = new L.DirectionalLight(0xffffff, 2.6);
 sun.position.set(-0.5, 0.5, 0.7);
@@ -96,14 +97,12 @@ const viewColors = (views) => {
 };
 
 const makers = {
-  async splats({ file }) {
-    const mesh = new L.SplatMesh({ fileBytes: await bytesOf(file), fileName: file, extSplats: true });
-    await mesh.initialized;
-    return new L.Group().add(mesh);
+  async splats({ files }, read) {
+    return new L.Group().add(await splatMesh(files[0], read));
   },
 
-  async relief({ file, texture, views, columns, rows, west, north, cell }) {
-    const heights = new Float32Array((await bytesOf(file)).buffer);
+  async relief({ file, texture, views, columns, rows, west, north, cell }, read) {
+    const heights = new Float32Array((await read(file)).buffer);
     const positions = new Float32Array(3 * columns * rows);
     const places = new Float32Array(2 * columns * rows);
     for (let i = 0; i < heights.length; i++) {
@@ -131,12 +130,12 @@ const makers = {
     const shaded = new L.MeshLambertMaterial({ color: 0xc9c4ba, side: L.DoubleSide });
     const ends = heightEnds(heights);
     const byHeight = heightColors(heights, ends);
-    const byViews = views && viewColors(await bytesOf(views));
+    const byViews = views && viewColors(await read(views));
     shape.setAttribute("color", new L.BufferAttribute(byHeight, 3));
     const colored = new L.MeshLambertMaterial({ vertexColors: true, side: L.DoubleSide });
     let draped = shaded;
     if (texture) {
-      const picture = new L.Texture(await createImageBitmap(new Blob([await bytesOf(texture)]), { imageOrientation: "flipY" }));
+      const picture = new L.Texture(await createImageBitmap(new Blob([await read(texture)]), { imageOrientation: "flipY" }));
       Object.assign(picture, { colorSpace: L.SRGBColorSpace, flipY: false, needsUpdate: true, anisotropy: 8 });
       draped = new L.MeshBasicMaterial({ map: picture, side: L.DoubleSide });
     }
@@ -158,7 +157,8 @@ const makers = {
       return line(i) * (1 - v) + line(i + columns) * v;
     };
     Object.assign(mesh.userData, { heightAt, ends });
-    mesh.raycast = ({ ray }, hits) => {
+    mesh.raycast = (from, hits) => {
+      const ray = from.ray.clone().applyMatrix4(mesh.matrixWorld.clone().invert());
       const [box, at] = [shape.boundingBox, new L.Vector3()];
       const inside = box.containsPoint(ray.origin) ? ray.origin : ray.intersectBox(box, new L.Vector3());
       if (!inside) return;
@@ -170,7 +170,7 @@ const makers = {
         if (before >= 0 && now < 0) {
           let [high, low] = [t - step, t];
           for (let k = 0; k < 12; k++) above((high + low) / 2) >= 0 ? (high = (high + low) / 2) : (low = (high + low) / 2);
-          hits.push({ distance: low, point: ray.at(low, new L.Vector3()), object: mesh });
+          hits.push({ distance: low, point: mesh.localToWorld(ray.at(low, new L.Vector3())), object: mesh });
           return;
         }
         before = now;
@@ -179,8 +179,8 @@ const makers = {
     return mesh;
   },
 
-  async mesh({ file, offset }) {
-    const bytes = (await bytesOf(file)).buffer;
+  async mesh({ file, offset }, read) {
+    const bytes = (await read(file)).buffer;
     const group = new L.Group();
     if (file.endsWith(".glb")) {
       const gltf = await new L.GLTFLoader().parseAsync(bytes, "");
@@ -202,8 +202,8 @@ const makers = {
     return group;
   },
 
-  async points({ file, count }) {
-    const bytes = await bytesOf(file);
+  async points({ file, count }, read) {
+    const bytes = await read(file);
     const shape = new L.BufferGeometry();
     shape.setAttribute("position", new L.BufferAttribute(new Float32Array(bytes.buffer, 0, 3 * count), 3));
     const linear = Float32Array.from({ length: 256 }, (_, v) => new L.Color().setRGB(v / 255, 0, 0, L.SRGBColorSpace).r);
@@ -231,12 +231,15 @@ const makers = {
   },
 };
 
+const made = (layer, read) => makers[layer.kind](Object.assign(layer, { read }), read);
+
 const layers = [];
 const addLayer = (layer) => {
   const box = document.createElement("input");
   Object.assign(box, { type: "checkbox", checked: layer.isShown, name: layer.kind });
   box.addEventListener("change", () => {
-    layer.object.visible = box.checked;
+    layers.find((l) => l.kind === layer.kind).object.visible = box.checked;
+    showOther();
     showColors();
     redraw();
   });
@@ -245,6 +248,7 @@ const addLayer = (layer) => {
   count.textContent = layer.note;
   label.append(box, layer.label, count);
   $("layers").append(label);
+  layer.line = label;
   layer.object.visible = layer.isShown;
   world.add(layer.object);
   layers.push(layer);
@@ -267,7 +271,7 @@ const heightRange = () => {
 };
 const tintSplats = () => {
   const modifier = chosen("tint") === "height" ? splatsByHeight(heightRange()) : undefined;
-  for (const mesh of layers.filter((l) => l.kind === "splats").flatMap((l) => l.object.children)) {
+  for (const mesh of [...layers, ...otherLayers].filter((l) => l.kind === "splats").flatMap((l) => l.object.children)) {
     mesh.objectModifier = modifier;
     mesh.updateGenerator();
   }
@@ -275,10 +279,12 @@ const tintSplats = () => {
 };
 $("tints").addEventListener("change", () => (tintSplats(), showColors()));
 $("colors").addEventListener("change", () => showColors());
-const visible = (...kinds) => layers.filter((l) => kinds.includes(l.kind) && l.object.visible);
+const shownOf = (all, kinds) => all.filter((l) => kinds.includes(l.kind) && l.object.visible);
+const visible = (...kinds) => shownOf(layers, kinds);
 
 // ---- Places: what is under the pointer, and map coordinates
 
+const nameOf = (layer) => (layer.of ? `${layer.label} of ${layer.of}` : layer.label);
 const map = (place) => world.worldToLocal(place.clone()).toArray().map((v, k) => v + run.origin[k]);
 const metres = (v) => (Math.abs(v) < 0.005 ? 0 : v).toFixed(2).replace("-", "\u2212");
 
@@ -290,8 +296,9 @@ const pick = (event) => {
   );
   const ray = new L.Raycaster();
   ray.setFromCamera(at, camera);
-  const hits = visible("mesh", "relief").flatMap((layer) => ray.intersectObject(layer.object, true).map((hit) => ({ ...hit, layer })));
-  for (const layer of visible("splats")) {
+  const side = isOtherSide(event) ? otherLayers : layers;
+  const hits = shownOf(side, ["mesh", "relief"]).flatMap((layer) => ray.intersectObject(layer.object, true).map((hit) => ({ ...hit, layer })));
+  for (const layer of shownOf(side, ["splats"])) {
     const distance = splatDistance(layer, ray.ray);
     if (!Number.isNaN(distance)) hits.push({ distance, point: ray.ray.at(distance, new L.Vector3()), layer });
   }
@@ -299,10 +306,10 @@ const pick = (event) => {
   return hit && { point: hit.point, on: hit.layer };
 };
 
-// The height of the surface model at a place of the scene; NaN where there is none.
-const reliefHeight = (place) => {
-  const relief = layers.find((l) => l.kind === "relief");
-  return relief ? relief.object.userData.heightAt(...world.worldToLocal(place.clone()).toArray()) + run.origin[2] : NaN;
+// The height of a surface model at a place of the scene; NaN where it has none.
+const reliefHeight = ({ object }, place) => {
+  const [x, y] = object.parent.worldToLocal(place.clone()).toArray();
+  return object.localToWorld(new L.Vector3(x, y, object.userData.heightAt(x, y))).z + run.origin[2];
 };
 
 // The camera whose picture of itself is near the pointer.
@@ -320,7 +327,9 @@ const cameraAt = (event) => {
 
 let pointer = null;
 renderer.domElement.addEventListener("pointermove", (event) => (pointer = event.buttons ? null : event));
-renderer.domElement.addEventListener("pointerleave", () => (pointer = null));
+renderer.domElement.addEventListener("pointerleave", ({ pointerType }) => pointerType === "mouse" && (pointer = null));
+// A tap is no click on what appears under the finger.
+renderer.domElement.addEventListener("touchend", (event) => event.cancelable && event.preventDefault());
 const showPlace = () => {
   if (!pointer) return;
   const view = cameraAt(pointer);
@@ -335,9 +344,13 @@ const showPlace = () => {
   if (found) {
     const [e, n, h] = map(found.point).map(metres);
     const frame = document.createElement("small");
-    const surface = found.on.kind === "splats" ? reliefHeight(found.point) : NaN;
+    const relief = (found.on.of ? otherLayers : layers).find((l) => l.kind === "relief");
+    const surface = relief && found.on.kind === "splats" ? reliefHeight(relief, found.point) : NaN;
     const beside = Number.isNaN(surface) ? "" : `DSM ${metres(surface)} m`;
-    frame.textContent = [found.on.label, beside, run.frame].filter(Boolean).join(", ");
+    // Heights of splats are as fine as what is shown of them.
+    const share = found.on.kind === "splats" ? countOf(found.on) / found.on.count : 1;
+    const part = share < 1 ? ` (${Math.round(100 * share)} % of them)` : "";
+    frame.textContent = [nameOf(found.on) + part, beside, run.frame].filter(Boolean).join(", ");
     $("place").append(run.isOnMap ? `E ${e}   N ${n}   height ${h} m` : `x ${e}   y ${n}   z ${h}`, frame);
   }
   pointer = null;
@@ -371,6 +384,9 @@ $("named").addEventListener("change", redraw);
 
 // ---- Measuring
 
+// Width of a phone, as in page.css.
+const NARROW = 520;
+
 const marks = [];
 const drawn = new L.Group();
 drawn.renderOrder = 10;
@@ -390,7 +406,9 @@ const showMeasure = () => {
     for (const part of drawn.children) part.renderOrder = 10;
   }
   $("measure").hidden = $("clear").hidden = !marks.length;
-  if (marks.length) $("panel").open = true;
+  // On a small screen the panel would hide where the second point is.
+  if (marks.length > Number(innerWidth <= NARROW)) $("panel").open = true;
+  $("panel").classList.toggle("measuring", marks.length > 0);
   for (const [k, name] of ["a", "b"].entries()) {
     const place = marks[k] ? map(marks[k]).map(metres) : ["", "", ""];
     ["e", "n", "h"].forEach((axis, i) => ($(name + axis).textContent = place[i]));
@@ -411,6 +429,7 @@ renderer.domElement.addEventListener("pointerup", (event) => {
   const isClick = pressed && Math.hypot(event.clientX - pressed.clientX, event.clientY - pressed.clientY) < 4;
   pressed = null;
   if (!isClick) return;
+  pointer = event;
   const view = cameraAt(event);
   if (view) {
     const at = turned(view.at);
@@ -460,27 +479,32 @@ const showFrame = () => {
   $("scale").lastChild.textContent = `${Number(length.toPrecision(1))}${run.isOnMap ? " m" : ""}`;
 };
 
-// The share of the canvas that splats are drawn on.
-const coverage = () => {
-  const shown = layers.map((layer) => layer.object.visible);
-  for (const layer of layers) layer.object.visible = layer.kind === "splats";
-  renderer.render(scene, camera);
-  layers.forEach((layer, k) => (layer.object.visible = shown[k]));
+// Pixels of the picture that was rendered last.
+const readPixels = (x, y, w, h) => {
   const gl = renderer.getContext();
-  const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
   const pixels = new Uint8Array(4 * w * h);
   // Spark reads pixels into a buffer of its own at any time.
   const bound = gl.getParameter(gl.PIXEL_PACK_BUFFER_BINDING);
   gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
-  gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  gl.readPixels(x, y, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
   gl.bindBuffer(gl.PIXEL_PACK_BUFFER, bound);
+  return pixels;
+};
+
+// The share of the canvas that is drawn on.
+const coverage = () => {
+  const { drawingBufferWidth: w, drawingBufferHeight: h } = renderer.getContext();
+  const pixels = readPixels(0, 0, w, h);
   const isDrawn = (i) => Math.abs(pixels[i] - 0x12) + Math.abs(pixels[i + 1] - 0x17) > 6 && pixels[i + 3] > 0;
   let n = 0;
   for (let i = 0; i < pixels.length; i += 4) n += isDrawn(i);
   return n / (w * h);
 };
 
-let isLoaded = false;
+// The first picture is of the splats alone: what takes time beside them is read when it is shown.
+const LONGEST_WAIT = 10000;
+let firstPicture;
+const isDrawn = new Promise((done) => (firstPicture = done));
 const animate = () => {
   requestAnimationFrame(animate);
   if (!isStale) return;
@@ -490,14 +514,15 @@ const animate = () => {
   camera.near = Math.max(distance / 200, reach / 1e5);
   camera.far = reach;
   camera.updateProjectionMatrix();
+  render();
   // Splats appear when they are sorted, some frames after they are read.
-  if (isLoaded && root.dataset.state !== "drawn") {
-    const share = coverage();
-    root.dataset.coverage = share.toFixed(4);
-    if (share > 0) root.dataset.state = "drawn";
-    else redraw();
+  if (layers.length && !root.dataset.coverage) {
+    const share = spark.display.numSplats ? coverage() : 0;
+    if (share > 0) {
+      Object.assign(root.dataset, { coverage: share.toFixed(4), firstPicture: Math.round(performance.now()) });
+      firstPicture();
+    } else redraw();
   }
-  renderer.render(scene, camera);
   showFrame();
   showNames();
 };
@@ -524,7 +549,7 @@ const start = async () => {
   $("north").style.display = run.isOnMap ? "" : "none";
   resize();
   lookHome();
-  $("panel").open = innerWidth > 520;
+  $("panel").open = innerWidth > NARROW;
   $("home").addEventListener("click", lookHome);
   $("top").addEventListener("click", () => lookFrom(180, 89.99));
   animate();
@@ -532,15 +557,22 @@ const start = async () => {
   for (const layer of run.layers) {
     $("state").textContent = `Loading ${layer.label}`;
     await new Promise((done) => setTimeout(done));
-    layer.object = await makers[layer.kind](layer);
-    if (layer.kind === "splats") root.dataset.splats = layer.object.children[0].extSplats.numSplats;
+    layer.object = await made(layer, bytesOf);
     addLayer(layer);
     redraw();
+    if (layer.kind === "splats") {
+      showDetail(layer);
+      $("state").textContent = "";
+      await Promise.race([isDrawn, pause(LONGEST_WAIT)]);
+    }
   }
   if (!failures.length) $("state").textContent = "";
   showColors();
   // Unless somebody has looked around meanwhile.
   if (!hasTurned) lookHome();
-  isLoaded = true;
   redraw();
+  isDrawn.then(() => (root.dataset.state = "drawn"));
+  layers.filter((l) => l.kind === "splats").forEach(addDetail);
+  if (run.other) await addOther(run.other);
+  if (run.live) followTraining();
 };

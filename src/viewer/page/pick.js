@@ -10,8 +10,12 @@ const reachesOf = (mesh) => {
   if (!reaches.has(mesh)) {
     scaleOfHalf ??= Float32Array.from({ length: 65536 }, (_, bits) => Math.exp(L.DataUtils.fromHalfFloat(bits)));
     const shapes = mesh.extSplats.extArrays[1];
-    const largest = (k) => Math.max(scaleOfHalf[shapes[k + 1] >>> 16], scaleOfHalf[shapes[k + 2] & 65535], scaleOfHalf[shapes[k + 2] >>> 16]);
-    reaches.set(mesh, Float32Array.from({ length: mesh.extSplats.numSplats }, (_, i) => SPLAT_REACH * largest(4 * i)));
+    const reach = new Float32Array(mesh.extSplats.numSplats);
+    for (let i = 0; i < reach.length; i++) {
+      const [x, yz] = [shapes[4 * i + 1] >>> 16, shapes[4 * i + 2]];
+      reach[i] = SPLAT_REACH * Math.max(scaleOfHalf[x], scaleOfHalf[yz & 65535], scaleOfHalf[yz >>> 16]);
+    }
+    reaches.set(mesh, reach);
   }
   return reaches.get(mesh);
 };
