@@ -141,7 +141,7 @@ pub struct Options {
     seed: u64,
     /// Device that trains: auto, cpu, gpu, or gpu:N for the device of a number
     ///
-    /// `auto` takes a GPU for what one can train, recipes `best`, `baeogs`, `eogs` and `3dgs`, else the processor. `satgs info --devices` lists devices.
+    /// `auto` takes a GPU for what one can train, recipes `best`, `baeogs`, `eogs`, `3dgs` and `2dgs`, else the processor. `satgs info --devices` lists devices.
     #[arg(long, value_name = "DEVICE", default_value_t = DeviceChoice::Auto, help_heading = "Run", hide_short_help = true)]
     device: DeviceChoice,
     /// Iterations between checkpoints; an interrupted training continues from the last one

@@ -15,7 +15,7 @@ use std::ops::Range;
 /// The column is the mean of one minus the product of the two normals.
 pub const INFO: TermInfo = TermInfo { weights: &["normal_consistency"], columns: &["normal_consistency"] };
 /// Added to the opacity that a mean depth is divided by (2DGS).
-pub(super) const OPACITY_OFFSET: f64 = 1e-8;
+pub const OPACITY_OFFSET: f64 = 1e-8;
 
 /// Channels of the render that the term has derivatives by: the normal, the sum of depths or the median depth, the transmittance.
 const CHANNELS_OF_MEAN: [usize; 5] = channels_with(channel::DEPTH);
