@@ -1,27 +1,30 @@
 //! Photographs on a device.
 
 use super::arrays::{Common, CommonKernels};
-use super::camera_kind::CameraKind;
 use super::constants::NO_DATA;
 use super::device::GpuDevice;
 use super::frames::{Extent, ImageArrays, LossArrays};
 use super::kernel::Dispatch;
+use super::normals::{NormalKernels, Normals};
 use super::photometric::{Photometric, PhotometricKernels};
 use super::plan_uniform::{PlanUniform, pinhole};
 use super::raster::{Raster, RasterKernels, SortedOrder};
+use super::render_kind::RenderKind;
 use super::splats::DeviceSplats;
-use super::views::{DeviceViews, Sums, training_numbers};
+use super::views::{DeviceViews, Sums, set, training_numbers};
 use crate::perspective::PinholeCamera;
 use crate::splat::backend::{GpuError, StepPlan};
 use crate::splat::harmonics::coefficients_used;
 use crate::splat::loss::Losses;
-use crate::splat::pinhole::{NEAREST, PinholePicture, PinholeView};
+use crate::splat::pinhole::{NEAREST, PinholePicture, PinholeView, least_reach_px, reach};
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::state::TrainingState;
 use std::sync::Arc;
 
 /// The photographs of a scene.
 pub struct DevicePhotographs {
     views: Arc<Vec<PinholeView>>,
+    primitive: PrimitiveKind,
     photographs: Vec<DevicePhotograph>,
     image: ImageArrays,
     losses: LossArrays,
@@ -32,6 +35,8 @@ struct Kernels {
     common: CommonKernels,
     raster: RasterKernels,
     photometric: PhotometricKernels,
+    /// Of discs.
+    normals: Option<NormalKernels>,
 }
 
 /// The arrays of a training.
@@ -39,6 +44,8 @@ pub struct PhotographArrays {
     common: Common,
     raster: Raster,
     losses: Vec<Photometric>,
+    /// Of discs.
+    normals: Option<Normals>,
 }
 
 /// What the kernels of an iteration are told.
@@ -78,21 +85,29 @@ fn pack(([red, green, blue], opacity): ([u8; 3], u8)) -> u32 {
 }
 
 impl DevicePhotographs {
-    /// Copies the photographs to the device.
+    /// Copies the photographs to the device, for splats of a kind.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`].
-    pub fn new(gpu: &GpuDevice, views: Arc<Vec<PinholeView>>) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &GpuDevice,
+        views: Arc<Vec<PinholeView>>,
+        primitive: PrimitiveKind,
+    ) -> Result<Self, GpuError> {
+        let kind = RenderKind::of_photographs(primitive);
         let extent = Extent::largest(views.iter().map(|v| v.camera.size));
         let photographs = views.iter().map(|v| DevicePhotograph::new(gpu, v)).collect::<Result<_, _>>()?;
+        let of_discs = primitive == PrimitiveKind::Disc;
         Ok(Self {
+            primitive,
             photographs,
-            image: ImageArrays::new(gpu, Self::KIND, extent)?,
+            image: ImageArrays::new(gpu, kind, extent)?,
             losses: LossArrays::new(gpu, extent)?,
             kernels: Kernels {
                 common: CommonKernels::new(gpu),
-                raster: RasterKernels::new(gpu, Self::KIND),
-                photometric: PhotometricKernels::new(gpu, Self::KIND),
+                raster: RasterKernels::new(gpu, kind),
+                photometric: PhotometricKernels::new(gpu, kind),
+                normals: of_discs.then(|| NormalKernels::new(gpu, extent.tiles)).transpose()?,
             },
             views,
         })
@@ -110,8 +125,11 @@ impl DeviceViews for DevicePhotographs {
     type Picture = PinholePicture;
     type Arrays = PhotographArrays;
     type Uniform = PhotographUniform;
-    const KIND: CameraKind = CameraKind::Pinhole;
     const PAIRS_OF_SPLAT: u64 = 12;
+
+    fn kind(&self) -> RenderKind {
+        RenderKind::of_photographs(self.primitive)
+    }
 
     fn views(&self) -> usize {
         self.views.len()
@@ -134,11 +152,11 @@ impl DeviceViews for DevicePhotographs {
             let images = [&image.frame, &p.pixels, &image.by_pixel];
             Photometric::new(gpu, &kernels.photometric, &raster.plan, images, losses)
         };
-        Ok(PhotographArrays {
-            losses: self.photographs.iter().map(of_photograph).collect(),
-            common: Common::new(gpu, &kernels.common, (&raster.plan, losses), (order, splats), pairs)?,
-            raster,
-        })
+        let losses_of_views = self.photographs.iter().map(of_photograph).collect();
+        let common = Common::new(gpu, &kernels.common, (&raster.plan, losses), (order, splats), pairs)?;
+        let normals = kernels.normals.as_ref();
+        let normals = normals.map(|k| k.bind(gpu, &raster.plan, image, &common.report_words));
+        Ok(PhotographArrays { losses: losses_of_views, normals, common, raster })
     }
 
     fn common(arrays: &PhotographArrays) -> &Common {
@@ -162,15 +180,21 @@ impl DeviceViews for DevicePhotographs {
         let (view, splats) = (&self.views[plan.view], &state.splats);
         let [r, g, b] = if view.has_empty_pixels() { plan.random_background } else { plan.background };
         let center = view.camera.center.to_array().map(|v| v as f32);
+        let mut camera = view.camera.kernel(NEAREST);
+        if self.primitive == PrimitiveKind::Disc {
+            camera = camera.without_limits();
+        }
+        let reach = reach(self.primitive) as f32;
         let coefficients =
             if splats.f_rest.is_empty() { 0 } else { coefficients_used(plan.sh_degree) as u32 };
         let render = PlanUniform {
-            camera: pinhole(&view.camera.kernel(NEAREST), center),
+            camera: pinhole(&camera, center),
             size: view.camera.size,
             background: [r, g, b, 0.0],
             splats: splats.len(),
             coefficients,
             adds_gradient: false,
+            reach: [reach, least_reach_px(reach)],
             training: training_numbers(plan, step, splats.len(), view.camera.size),
         };
         PhotographUniform { view: plan.view, render }
@@ -190,20 +214,30 @@ impl DeviceViews for DevicePhotographs {
         arrays: &'a PhotographArrays,
         uniform: &PhotographUniform,
     ) -> Vec<Dispatch<'a>> {
-        let PhotographArrays { common, raster, losses } = arrays;
+        let PhotographArrays { common, raster, losses, normals } = arrays;
         let (mut list, PhotographUniform { view, render }) = (Vec::new(), uniform);
         raster.project(&mut list, render);
         common.order.sort(&mut list, render.splats);
         raster.forward(&mut list, render);
         list.extend(losses[*view].on(render));
+        let normals = normals.as_ref().filter(|_| render.training.by_normals > 0.0).map(|n| n.on(render));
+        list.extend(normals.map(|[compare, _]| compare));
         raster.backward(&mut list, render);
         common.step(&mut list, render.splats);
         common.report(&mut list);
+        list.extend(normals.map(|[_, report]| report));
         list
     }
 
     fn losses(&self, plan: &StepPlan, splats: usize, sums: &Sums) -> Losses {
-        let mut losses = sums.common_terms(plan, splats, self.views[plan.view].camera.size);
+        let (width, height) = self.views[plan.view].camera.size;
+        let mut losses = sums.common_terms(plan, splats, (width, height));
+        let weight = plan.weights.get("normal_consistency");
+        if weight > 0.0 && self.kernels.normals.is_some() {
+            let difference = sums.normals / (width * height) as f64;
+            set(&mut losses, "normal_consistency", difference);
+            losses.total += weight * difference;
+        }
         losses.average_over(self.photographs[plan.view].valid_share);
         losses
     }
