@@ -116,12 +116,6 @@ impl Recipe {
                 ));
             }
         }
-        if let Some(s) = self.satellite().filter(|s| !(s.last_rates > 0.0 && s.last_rates <= 1.0)) {
-            return Err(format!(
-                "satellite.last_rates = {}, but must be above 0 and at most 1",
-                s.last_rates
-            ));
-        }
         if self.satellite().is_some_and(|s| s.white == 0.0) {
             return Err("satellite.white = 0, but must be above 0".into());
         }

@@ -97,10 +97,6 @@ pub struct SatelliteRecipe {
     /// Learning rates of Adam for the networks of the colour model; none for models without networks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_rates: Option<NetworkRates>,
-    /// All learning rates in the last iteration, as a share of those in the first half; they fall exponentially over the
-    /// second half. 1 keeps them.
-    #[serde(default = "kept")]
-    pub last_rates: f64,
     /// Whether the opacity loss divides the sum of opacities by the initial number of splats (EOGS) instead of the current
     /// number (BAEOGS).
     pub opacity_by_start: bool,
@@ -360,11 +356,6 @@ fn widest_half_resolution_px_m() -> f64 {
 
 /// The largest linear value of an image.
 fn white() -> f32 {
-    1.0
-}
-
-/// Learning rates that do not fall.
-fn kept() -> f64 {
     1.0
 }
 

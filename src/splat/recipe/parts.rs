@@ -128,12 +128,3 @@ pub struct NetworkRates {
     /// Of the networks of shadows and sky; 0 for colours without shadows.
     pub shadow: f64,
 }
-
-impl NetworkRates {
-    /// All rates multiplied by a factor.
-    #[must_use]
-    pub fn scaled(self, factor: f64) -> Self {
-        let Self { tables, tone, shadow } = self;
-        Self { tables: factor * tables, tone: factor * tone, shadow: factor * shadow }
-    }
-}

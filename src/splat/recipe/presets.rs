@@ -3,7 +3,7 @@
 
 use super::{
     ActiveGrowth, Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight,
-    Recipe, SatelliteRecipe, Start, StartPoints, always, kept, white, widest_half_resolution_px_m,
+    Recipe, SatelliteRecipe, Start, StartPoints, always, white, widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
@@ -109,7 +109,6 @@ fn baeogs() -> Recipe<SatelliteRecipe> {
             appearance: AppearanceKind::Affine,
             appearance_rate: 0.01,
             network_rates: None,
-            last_rates: kept(),
             opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
@@ -190,7 +189,6 @@ fn satgs_colors() -> Recipe<SatelliteRecipe> {
             appearance: AppearanceKind::SatGs,
             appearance_rate: 1e-3,
             network_rates: Some(NetworkRates { tables: 1e-2, tone: 5e-4, shadow: 5e-4 }),
-            last_rates: 0.01,
             shadows_from: 0,
             virtual_every: always(),
             uncertainty: Some(UncertaintyRecipe {

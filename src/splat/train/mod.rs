@@ -7,9 +7,7 @@ use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
 use crate::splat::backend::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, Wait};
 use crate::splat::loss::{COLUMNS, LossWeights, Losses, SurfaceDepth, column_names};
-use crate::splat::recipe::{
-    Background, NetworkRates, OpacityReset, PerspectiveRecipe, Recipe, RecipeKind, SatelliteRecipe,
-};
+use crate::splat::recipe::{Background, NetworkRates, OpacityReset, PerspectiveRecipe, Recipe, RecipeKind};
 use crate::splat::splats::PerGroup;
 use serde::{Deserialize, Serialize};
 
@@ -193,8 +191,8 @@ impl Schedule<'_> {
                     shadows,
                     virtual_shear: is_consistent.then(|| self.virtual_shear(iteration, s.virtual_shear)),
                     opacity_divisor: s.opacity_by_start.then_some(self.splats_at_start),
-                    appearance_rate: s.appearance_rate * self.decay(s, iteration),
-                    network_rates: s.network_rates.unwrap_or_default().scaled(self.decay(s, iteration)),
+                    appearance_rate: s.appearance_rate,
+                    network_rates: s.network_rates.unwrap_or_default(),
                     visibility: s.uncertainty.and_then(|u| u.share(iteration)),
                     ..plan
                 }
@@ -266,22 +264,12 @@ impl Schedule<'_> {
 
     /// Learning rates, that of positions in metres.
     fn rates(&self, iteration: u32) -> PerGroup<f64> {
-        let rates = match &self.recipe.kind {
-            RecipeKind::Satellite(s) => self.recipe.rates.map(|rate| rate * self.decay(s, iteration)),
-            RecipeKind::Perspective(p) => {
-                let rates = self.recipe.rates;
-                let part = f64::from(iteration) / f64::from(self.recipe.iterations);
-                let decay = (p.last_position_rate / rates.position).powf(part);
-                PerGroup { position: rates.position * decay, ..rates }
-            }
-        };
-        PerGroup { position: rates.position * self.half_side_m, ..rates }
-    }
-
-    /// The share of the learning rates that a recipe of satellite scenes has in an iteration.
-    fn decay(&self, satellite: &SatelliteRecipe, iteration: u32) -> f64 {
-        let part = f64::from(iteration) / f64::from(self.recipe.iterations);
-        satellite.last_rates.powf((2.0 * part - 1.0).max(0.0))
+        let rates = self.recipe.rates;
+        let decay = self.recipe.perspective().map_or(1.0, |p| {
+            let part = f64::from(iteration) / f64::from(self.recipe.iterations);
+            (p.last_position_rate / rates.position).powf(part)
+        });
+        PerGroup { position: rates.position * decay * self.half_side_m, ..rates }
     }
 
     /// Densification, pruning and opacity reset after an iteration.
@@ -417,22 +405,6 @@ mod tests {
         assert!(r == g && g == b);
         let [r, g, _] = of(&recipe).plan(3).background;
         assert!(r != g);
-    }
-
-    #[test]
-    fn all_rates_of_colors_fall_over_the_second_half_and_those_of_heights_stay() {
-        let heights = Recipe::named("satgs").unwrap();
-        let colors = heights.satellite().unwrap().then.clone().unwrap().of_any();
-        let rates = |recipe: &Recipe, iteration: u32| {
-            let plan = of(recipe).plan(iteration);
-            [plan.rates.position, plan.rates.f_dc, plan.appearance_rate, plan.network_rates.tables]
-        };
-        let (first, half, last) = (1, colors.iterations / 2, colors.iterations);
-        assert_eq!(rates(&colors, first), rates(&colors, half));
-        for (before, after) in rates(&colors, half).into_iter().zip(rates(&colors, last)) {
-            assert!((after / before - 0.01).abs() < 1e-9, "{before} to {after}");
-        }
-        assert_eq!(rates(&heights, first), rates(&heights, heights.iterations));
     }
 
     #[test]

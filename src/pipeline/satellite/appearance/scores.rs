@@ -47,12 +47,18 @@ pub fn nvs_eval(
         let (area, altitudes) = (setup.area, setup.ray_altitudes());
         let planes = source.read_colors()?;
         target.load(&TrainingView::new(name(), view.camera, None, &planes, area, altitudes), 0);
+        let nearest = nearest(colors, source.acquired.as_deref());
         let embedding = match protocol {
-            Protocol::Nearest => {
-                let found = nearest(colors, source.acquired.as_deref());
-                found.ok_or_else(|| PipelineError::NoDate { name: name() })?.to_vec()
-            }
-            _ => fit(colors, &novel, &target, protocol, &setup, progress)?,
+            Protocol::Nearest => nearest.ok_or_else(|| PipelineError::NoDate { name: name() })?.to_vec(),
+            _ => fit(
+                colors,
+                &novel,
+                &target,
+                protocol,
+                nearest.unwrap_or(colors.reference()),
+                &setup,
+                progress,
+            )?,
         };
         let part = if protocol == Protocol::Half { ScoredPart::RightHalf } else { ScoredPart::Whole };
         let picture = colors.picture(&novel, &embedding, &setup);
@@ -102,6 +108,7 @@ fn fit(
     view: &NovelView,
     target: &TargetImage,
     protocol: Protocol,
+    start: &[f32],
     setup: &SiteScene,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, PipelineError> {
@@ -125,8 +132,5 @@ fn fit(
         floor: setup.altitudes.0 as f32,
         anchored: &[],
     };
-    let embeddings = &colors.appearance.embeddings;
-    let starts: Vec<_> = embeddings.iter().map(|embedding| colors.parameters(embedding)).collect();
-    let fitted = fit_view(&colors.splats, colors.model(), &starts, &input, progress)?;
-    Ok(fitted.unwrap_or_else(|| colors.reference().to_vec()))
+    Ok(fit_view(&colors.splats, colors.model(), colors.parameters(start), &input, progress)?)
 }
