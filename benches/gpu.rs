@@ -1,8 +1,7 @@
 //! Times of the kernels of an iteration on a GPU, with the bytes and operations that follow from their sizes.
 //!
 //! `cargo bench --features gpu --bench gpu [-- [gpu:N] [SPLATS WIDTH HEIGHT]...]` measures 120,000 and a million splats in images of
-//! 0.6 and 5 MP, unless it is told otherwise, on the first GPU. A room of splats with harmonics of degree 3 is seen from its middle: of
-//! ellipsoids, then of discs whose normals are compared.
+//! 0.6 and 5 MP, unless it is told otherwise, on the first GPU. A room of ellipsoids with harmonics of degree 3 is seen from its middle.
 
 #![allow(clippy::print_stdout)]
 
@@ -14,7 +13,6 @@ use satgs::splat::backend::{DensifyPlan, StepPlan, TrainingBackend, Wait};
 use satgs::splat::gpu::{DevicePhotographs, GpuBackend, GpuDevice, Measured};
 use satgs::splat::loss::{LossWeights, SurfaceDepth};
 use satgs::splat::pinhole::PinholeView;
-use satgs::splat::primitive::PrimitiveKind;
 use satgs::splat::recipe::NetworkRates;
 use satgs::splat::splats::{PerGroup, Splats};
 use satgs::splat::state::TrainingState;
@@ -28,7 +26,7 @@ const ROOM_M: [f64; 3] = [3.0, 3.0, 1.5];
 const ITERATIONS: u32 = 20;
 const MEASURED: usize = 5;
 
-fn splats(n: usize, primitive: PrimitiveKind) -> Splats {
+fn splats(n: usize) -> Splats {
     let mut out = Splats::zeros(n);
     out.f_rest.resize(n, [0.0; 45]);
     // The walls are covered as well by few splats as by many.
@@ -44,9 +42,6 @@ fn splats(n: usize, primitive: PrimitiveKind) -> Splats {
         out.opacity_logit[i][0] = (2.0 * draw.normal() - 1.0) as f32;
         out.f_dc[i] = [0; 3].map(|_| draw.normal() as f32);
         out.f_rest[i] = [0; 45].map(|_| 0.1 * draw.normal() as f32);
-    }
-    if primitive == PrimitiveKind::Disc {
-        out.flatten();
     }
     out
 }
@@ -72,7 +67,7 @@ fn plan(iteration: u32) -> StepPlan {
         virtual_shear: None,
         background: [0.0; 3],
         random_background: [0.0; 3],
-        weights: LossWeights::of(&[("normal_consistency", 0.05)]).expect("the term is registered"),
+        weights: LossWeights::default(),
         opacity_divisor: None,
         sh_degree: 3,
         surface: SurfaceDepth::Mean,
@@ -87,38 +82,27 @@ fn plan(iteration: u32) -> StepPlan {
 }
 
 /// Bytes that a kernel reads and writes, and its floating-point operations, once each.
-fn work(kernel: &str, primitive: PrimitiveKind, n: f64, pixels: f64, of: &Measured) -> (f64, f64) {
-    // Bytes of the plane of a splat, of a slot, of a pixel and of its derivatives; operations of compositing and of its gradient.
-    let (plane, slot, pixel, by_pixel, forward, backward) = match primitive {
-        PrimitiveKind::Ellipsoid => (0.0, 36.0, 16.0, 12.0, 12.0, 40.0),
-        PrimitiveKind::Disc => (48.0, 68.0, 32.0, 32.0, 30.0, 100.0),
-    };
+fn work(kernel: &str, n: f64, pixels: f64, of: &Measured) -> (f64, f64) {
     let (pairs, evaluated) = (f64::from(of.pairs), of.evaluated as f64);
     match kernel {
-        "project" => (n * (64.0 + 180.0 + 64.0 + plane + 8.0), n * 450.0),
+        "project" => (n * (64.0 + 180.0 + 64.0 + 8.0), n * 450.0),
         "pair_counts" | "pair_emit" => (n * 72.0 + pairs * 6.0, n * 60.0),
         "tile_ranges" => (pairs * 12.0, 0.0),
-        "forward" => (pairs * (72.0 + plane) + pixels * pixel, evaluated * forward),
+        "forward" => (pairs * 72.0 + pixels * 16.0, evaluated * 12.0),
         "ssim_forward" => (pixels * (3.0 * 20.0 + 36.0), pixels * 3.0 * 300.0),
         "ssim_backward" => (pixels * (3.0 * 20.0 + 36.0 + 12.0), pixels * 3.0 * 160.0),
-        "backward" => (pairs * (72.0 + plane + slot) + pixels * (pixel + by_pixel), evaluated * backward),
-        "gather" => (n * (64.0 + 180.0 + 64.0 + plane + 64.0 + 16.0) + pairs * slot, n * 700.0),
-        "normal_consistency" => (pixels * (pixel + 20.0), pixels * 120.0),
+        "backward" => (pairs * (72.0 + 36.0) + pixels * 28.0, evaluated * 40.0),
+        "gather" => (n * (64.0 + 180.0 + 64.0 + 64.0 + 16.0) + pairs * 36.0, n * 700.0),
         "step_rest" => (n * (6.0 * 180.0 + 128.0), n * 45.0 * 12.0),
         "step_core" => (n * 64.0 * 7.0, n * 14.0 * 12.0),
         _ => (0.0, 0.0),
     }
 }
 
-fn measure(
-    number: Option<usize>,
-    primitive: PrimitiveKind,
-    n: usize,
-    size: (usize, usize),
-) -> Result<(), Box<dyn std::error::Error>> {
+fn measure(number: Option<usize>, n: usize, size: (usize, usize)) -> Result<(), Box<dyn std::error::Error>> {
     let gpu = GpuDevice::open(number)?;
     let name = gpu.info.name.clone();
-    let state = TrainingState::start(splats(n, primitive), Default::default(), 0, 0);
+    let state = TrainingState::start(splats(n), Default::default(), 0, 0);
     let mut backend = GpuBackend::new(gpu, Arc::new(vec![view(size)]), state)?;
     let mut reports = Vec::new();
     let mut run = |backend: &mut GpuBackend<DevicePhotographs>, iterations| {
@@ -140,9 +124,8 @@ fn measure(
     }
     let pixels = (size.0 * size.1) as f64;
     println!(
-        "\n{name}: {n} {}, {} x {} pixels: {:.3} ms an iteration; {:.3} ms in {} dispatches; {} pairs of splats and tiles, \
+        "\n{name}: {n} splats, {} x {} pixels: {:.3} ms an iteration; {:.3} ms in {} dispatches; {} pairs of splats and tiles, \
          {:.0} M evaluations\n",
-        if primitive == PrimitiveKind::Disc { "discs" } else { "ellipsoids" },
         size.0,
         size.1,
         iteration.as_secs_f64() * 1e3,
@@ -153,7 +136,7 @@ fn measure(
     );
     println!("| kernel | dispatches | ms | MB | GB/s | GFLOP | GFLOP/s |\n|---|---|---|---|---|---|---|");
     for (kernel, (count, time)) in kernels {
-        let (bytes, operations) = work(kernel, primitive, n as f64, pixels, middle);
+        let (bytes, operations) = work(kernel, n as f64, pixels, middle);
         let seconds = time.as_secs_f64().max(1e-9);
         println!(
             "| {kernel} | {count} | {:.3} | {:.1} | {:.0} | {:.2} | {:.0} |",
@@ -181,7 +164,5 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             (1_000_000, (2560, 1960)),
         ];
     }
-    let kinds = [PrimitiveKind::Ellipsoid, PrimitiveKind::Disc];
-    let mut both = scenes.into_iter().flat_map(|scene| kinds.map(|kind| (kind, scene)));
-    both.try_for_each(|(kind, (n, size))| measure(number, kind, n, size))
+    scenes.into_iter().try_for_each(|(n, size)| measure(number, n, size))
 }

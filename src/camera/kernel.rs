@@ -96,20 +96,20 @@ pub trait CameraKernel<T: Real>: Copy + Default + PartialEq + Send + Sync {
 }
 
 /// Squared denominator, of unit vectors, below which [`damped_quotient`] departs from the quotient.
-pub const QUOTIENT_DAMPING: f64 = 1e-12;
+const DAMPING: f64 = 1e-12;
 
 /// `a / b` with `b / (b² + 1e-12)` in place of `1 / b`: the quotient of a number by the cosine of an angle, which is finite,
 /// and smooth, when the angle passes through 90 degrees.
 #[inline(always)]
 pub fn damped_quotient<S: Simd>(simd: S, a: SimdVec<S>, b: SimdVec<S>) -> SimdVec<S> {
-    let damping = SimdVec::broadcast(simd, S::Scalar::from_f64(QUOTIENT_DAMPING));
+    let damping = SimdVec::broadcast(simd, S::Scalar::from_f64(DAMPING));
     a * b * b.mul_add(b, damping).reciprocal()
 }
 
 /// The factor `b / (b² + 1e-12)` of [`damped_quotient`], and its derivative by `b`.
 #[inline(always)]
 pub fn damped_quotient_gradient<T: Real>(b: T) -> (T, T) {
-    let damping = T::from_f64(QUOTIENT_DAMPING);
+    let damping = T::from_f64(DAMPING);
     let inverse = (b * b + damping).recip();
     (b * inverse, (damping - b * b) * inverse * inverse)
 }

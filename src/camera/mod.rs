@@ -6,7 +6,5 @@
 mod kernel;
 mod parallel;
 
-pub use kernel::{
-    CameraKernel, DepthOrder, Linearized, QUOTIENT_DAMPING, damped_quotient, damped_quotient_gradient,
-};
+pub use kernel::{CameraKernel, DepthOrder, Linearized, damped_quotient, damped_quotient_gradient};
 pub use parallel::QuadraticKernel;

@@ -97,7 +97,7 @@ pub struct Options {
     seed: u64,
     /// Device that trains: auto, cpu, gpu, or gpu:N for device N of `satgs info --devices`
     ///
-    /// `auto` takes a GPU for recipes that one can train (`best`, `baeogs`, `eogs`, `3dgs`, `2dgs`), else the processor.
+    /// `auto` takes a GPU for recipes that one can train (`best`, `baeogs`, `eogs`, `3dgs`), else the processor.
     #[arg(long, value_name = "DEVICE", default_value_t = DeviceChoice::Auto, help_heading = "Run", hide_short_help = true)]
     device: DeviceChoice,
     /// Iterations between checkpoints; an interrupted training continues from the last one

@@ -1,7 +1,7 @@
 //! The device that trains photographs.
 
 use super::super::PipelineError;
-use super::super::gpu_support::unsupported_photographs;
+use super::super::gpu_support::unsupported_recipe;
 use super::super::training_device::{AnyBackend, Needs, OnDevice, Opened};
 use super::super::training_stage::{Snapshot, TrainingSoFar, TrainingStage};
 use crate::estimate::DeviceTraining;
@@ -12,6 +12,9 @@ use crate::splat::pinhole::{PinholePicture, PinholeView, PinholeViews, compariso
 use crate::splat::state::TrainingState;
 use crate::splat::train::Schedule;
 use std::sync::Arc;
+
+/// Weights of the loss terms that a GPU computes.
+const TERMS_ON_GPU: [&str; 2] = ["opacity", "opacity_sum"];
 
 /// Trains on the device of the options, and returns its name if it is a GPU.
 ///
@@ -25,7 +28,7 @@ pub fn train_photographs(
     (choice, progress): (DeviceChoice, &dyn Progress),
 ) -> Result<(TrainingSoFar, Option<String>), PipelineError> {
     let is_anchored = !so_far.state.anchored.anchorings().is_empty();
-    let unsupported = unsupported_photographs(schedule.recipe)
+    let unsupported = unsupported_recipe(schedule.recipe, &TERMS_ON_GPU)
         .or_else(|| is_anchored.then(|| "GPUs do not train anchored splats of photographs".into()));
     let on_processor = |so_far: TrainingSoFar| {
         let model = PinholeViews::new(views.clone(), &so_far.state);
@@ -43,11 +46,7 @@ pub fn train_photographs(
         all_pixels: pixels().sum(),
         sun_pixels: 0.0,
     };
-    let needs = Needs {
-        unsupported,
-        appearances: 0,
-        bytes: memory.photograph_bytes(so_far.state.splats.primitive()),
-    };
+    let needs = Needs { unsupported, appearances: 0, bytes: memory.photograph_bytes() };
     on_device.train(so_far, needs, |state| open(choice, views, state), snapshot, on_processor)
 }
 

@@ -11,9 +11,8 @@ use crate::splat::backend::GpuError;
 
 /// Coefficients of a colour channel in `f_rest`.
 const REST_OF_CHANNEL: u64 = 15;
-/// Words of a report: `Report` in `wgsl/report.wgsl`, and what `wgsl/report_terms.wgsl` and `wgsl/report_normals.wgsl` write
-/// behind it.
-pub const REPORT: usize = 11;
+/// Words of a report: `Report` in `wgsl/report.wgsl`, and what `wgsl/report_terms.wgsl` writes behind it.
+pub const REPORT: usize = 10;
 
 /// The compiled kernels.
 pub struct CommonKernels {

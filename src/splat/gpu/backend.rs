@@ -9,7 +9,6 @@
 use super::arrays::REPORT;
 use super::device::GpuDevice;
 use super::photographs::DevicePhotographs;
-use super::render_kind::RenderKind;
 use super::satellites::DeviceSatellites;
 use super::splats::DeviceSplats;
 use super::submission::{Measured, measure, submit};
@@ -54,12 +53,12 @@ struct Pending<U> {
 }
 
 impl GpuBackend<DevicePhotographs> {
-    /// A training on these photographs that starts from this state, whose kind of splats stays.
+    /// A training on these photographs that starts from this state.
     ///
     /// # Errors
     /// [`GpuError`] if the device has too little memory.
     pub fn new(gpu: GpuDevice, views: Arc<Vec<PinholeView>>, state: TrainingState) -> Result<Self, GpuError> {
-        let views = DevicePhotographs::new(&gpu, views, state.splats.primitive())?;
+        let views = DevicePhotographs::new(&gpu, views)?;
         Self::with_room(gpu, views, state, None)
     }
 }
@@ -93,7 +92,7 @@ impl<V: DeviceViews> GpuBackend<V> {
     ) -> Result<Self, GpuError> {
         let splats = DeviceSplats::new(&gpu, state.splats.len(), !state.splats.f_rest.is_empty())?;
         let guess = pairs.map_or(V::PAIRS_OF_SPLAT * state.splats.len() as u64, u64::from);
-        let arrays = views.arrays(&gpu, splats, pairs_within(&gpu, views.kind(), guess))?;
+        let arrays = views.arrays(&gpu, splats, pairs_within::<V>(&gpu, guess))?;
         let steps = state.adam.steps;
         let mut backend = Self {
             gpu,
@@ -177,7 +176,7 @@ impl<V: DeviceViews> GpuBackend<V> {
     fn make_room(&mut self, splats: usize, pairs: u64) -> Result<(), GpuError> {
         let Self { gpu, views, arrays, state, .. } = self;
         let common = V::common(arrays);
-        let pairs = pairs_within(gpu, views.kind(), (ROOM * pairs as f64) as u64).max(common.pair_capacity);
+        let pairs = pairs_within::<V>(gpu, (ROOM * pairs as f64) as u64).max(common.pair_capacity);
         let kept = if splats <= common.splats.capacity {
             common.splats.clone()
         } else {
@@ -234,8 +233,8 @@ impl<U> Pending<U> {
 }
 
 /// As many of these pairs as the device's largest array has room for.
-fn pairs_within(gpu: &GpuDevice, kind: RenderKind, pairs: u64) -> u32 {
-    let most = gpu.info.largest_binding.min(gpu.info.largest_buffer) / (4 * kind.slot_words());
+fn pairs_within<V: DeviceViews>(gpu: &GpuDevice, pairs: u64) -> u32 {
+    let most = gpu.info.largest_binding.min(gpu.info.largest_buffer) / (4 * V::KIND.slot_words());
     pairs.clamp(1, most).min(u32::MAX.into()) as u32
 }
 

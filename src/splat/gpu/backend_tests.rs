@@ -8,8 +8,7 @@ use crate::progress::NoProgress;
 use crate::random::CounterRng;
 use crate::splat::backend::{BackendError, CpuBackend, TrainingBackend};
 use crate::splat::pinhole::{NEAREST, PinholePicture, PinholeView, PinholeViews};
-use crate::splat::primitive::PrimitiveKind;
-use crate::splat::recipe::{Recipe, RecipeKind};
+use crate::splat::recipe::Recipe;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::{LogLine, Schedule, train};
@@ -33,8 +32,8 @@ fn views() -> Arc<Vec<PinholeView>> {
     Arc::new((0..5).map(view).collect())
 }
 
-/// Gray splats near the ones that the views show, of the kind of a recipe.
-fn start(recipe: &Recipe) -> TrainingState {
+/// Gray splats near the ones that the views show.
+fn start() -> TrainingState {
     let mut splats = Splats::default();
     for (i, [x, y, z]) in scene(400, 1.0).position.into_iter().enumerate() {
         let mut draw = CounterRng::new(11, 0, 0, i as u64);
@@ -42,18 +41,12 @@ fn start(recipe: &Recipe) -> TrainingState {
         splats.push([near(x), near(y), near(z)], 0.4, 0.2, [0.5; 3]);
     }
     splats.f_rest.resize(splats.len(), [0.0; 45]);
-    if recipe.primitive == PrimitiveKind::Disc {
-        splats.flatten();
-    }
     TrainingState::start(splats, Default::default(), 0, 0)
 }
 
-/// Recipes of ellipsoids and of discs.
-const RECIPES: [&str; 2] = ["3dgs", "2dgs"];
-
-/// A recipe in so many iterations, with growth every few ones.
-fn recipe(name: &str, iterations: u32) -> Recipe {
-    let recipe = Recipe::named(name).unwrap().with_iterations(iterations);
+/// The recipe in so many iterations, with growth every few ones.
+fn recipe(iterations: u32) -> Recipe {
+    let recipe = Recipe::named("3dgs").unwrap().with_iterations(iterations);
     Recipe { check_every: 50, ..recipe }
 }
 
@@ -111,28 +104,13 @@ fn the_device_passes_its_self_test() {
 #[test]
 fn twenty_iterations_have_the_losses_of_the_processor() {
     let Some(gpu) = device() else { return };
-    let views = views();
-    for name in RECIPES {
-        let mut recipe = recipe(name, 300);
-        if let RecipeKind::Perspective(of_photographs) = &mut recipe.kind {
-            of_photographs.normals_from = 10;
-        }
-        let (mut found, mut expected) = (Vec::new(), Vec::new());
-        let mut device = GpuBackend::new(gpu.clone(), views.clone(), start(&recipe)).unwrap();
-        run(&mut device, &recipe, 20, &mut found);
-        run(&mut processor(&views, start(&recipe)), &recipe, 20, &mut expected);
-        for (a, b) in found.iter().zip(&expected) {
-            assert!((a.loss - b.loss).abs() < 1e-4 * b.loss, "{name} {}: {} {}", a.iteration, a.loss, b.loss);
-            let difference = |column| (a.column(column) - b.column(column)).abs();
-            assert!(difference("opacity") < 1e-5, "{name} {}", a.iteration);
-            assert!(
-                difference("normal_consistency") < 1e-3,
-                "{name} {}: {:e}",
-                a.iteration,
-                difference("normal_consistency")
-            );
-        }
-        assert!((found[19].column("normal_consistency") > 0.0) == (name == "2dgs"));
+    let (views, recipe) = (views(), recipe(300));
+    let (mut found, mut expected) = (Vec::new(), Vec::new());
+    run(&mut GpuBackend::new(gpu, views.clone(), start()).unwrap(), &recipe, 20, &mut found);
+    run(&mut processor(&views, start()), &recipe, 20, &mut expected);
+    for (a, b) in found.iter().zip(&expected) {
+        assert!((a.loss - b.loss).abs() < 1e-4 * b.loss, "{}: {} {}", a.iteration, a.loss, b.loss);
+        assert!((a.column("opacity") - b.column("opacity")).abs() < 1e-5, "{}", a.iteration);
     }
 }
 
@@ -142,14 +120,10 @@ fn a_training_is_as_good_as_that_of_the_processor() {
         return;
     }
     let views = views();
-    let ways = RECIPES
-        .into_iter()
-        .flat_map(|name| [false, true].into_iter().zip(PSNR_TOLERANCE).map(move |way| (name, way)));
-    for (name, (grows, tolerance)) in ways {
-        let recipe = recipe(name, 300);
+    let before = psnr(&start().splats, &views);
+    for (grows, tolerance) in [false, true].into_iter().zip(PSNR_TOLERANCE) {
+        let recipe = recipe(300);
         let recipe = Recipe { densification: recipe.densification.filter(|_| grows), ..recipe };
-        let start = || start(&recipe);
-        let before = psnr(&start().splats, &views);
         let (mut log, mut of_processor) = (Vec::new(), Vec::new());
         let mut device = GpuBackend::new(device().unwrap(), views.clone(), start()).unwrap();
         let mut processor = processor(&views, start());
@@ -157,7 +131,7 @@ fn a_training_is_as_good_as_that_of_the_processor() {
         run(&mut processor, &recipe, 300, &mut of_processor);
         let (a, b) = (device.snapshot().unwrap(), processor.snapshot().unwrap());
         let (found, expected) = (psnr(&a.splats, &views), psnr(&b.splats, &views));
-        assert!((found - expected).abs() < tolerance, "{name}, growth {grows}: {found} dB, {expected} dB");
+        assert!((found - expected).abs() < tolerance, "growth {grows}: {found} dB, {expected} dB");
         assert!(found > before + 5.0 && a.fits(0) && a.adam.steps == 300);
         assert!(a.splats.len() > 400 || !grows);
     }
@@ -168,24 +142,18 @@ fn the_same_seed_gives_the_same_bytes_also_when_lists_turn_out_too_long_and_afte
     if device().is_none() {
         return;
     }
-    for name in RECIPES {
-        compare_bytes(&recipe(name, 120));
-    }
-}
-
-fn compare_bytes(recipe: &Recipe) {
-    let (views, start) = (views(), || start(recipe));
+    let (views, recipe) = (views(), recipe(120));
     let trained = |pairs: Option<u32>, stop: Option<u32>| {
         let mut log = Vec::new();
         let gpu = device().unwrap();
-        let photographs = DevicePhotographs::new(&gpu, views.clone(), start().splats.primitive()).unwrap();
+        let photographs = DevicePhotographs::new(&gpu, views.clone()).unwrap();
         let mut backend = GpuBackend::with_room(gpu, photographs, start(), pairs).unwrap();
         if let Some(stop) = stop {
-            run(&mut backend, recipe, stop, &mut log);
+            run(&mut backend, &recipe, stop, &mut log);
             let state = backend.snapshot().unwrap().clone();
             backend = GpuBackend::new(device().unwrap(), views.clone(), state).unwrap();
         }
-        run(&mut backend, recipe, 120, &mut log);
+        run(&mut backend, &recipe, 120, &mut log);
         let losses: Vec<f64> = log.iter().map(|line| line.loss).collect();
         (backend.snapshot().unwrap().clone(), losses)
     };

@@ -1,18 +1,14 @@
 //! The constants that shaders share with the processor's code, as WGSL. The values stand where the processor's code has them.
 
-use crate::camera::QUOTIENT_DAMPING;
 use crate::nn::adam::AdamRule;
 use crate::splat::adam::RULE;
 use crate::splat::harmonics::{C1, C2, C3};
 use crate::splat::loss::Prior;
 use crate::splat::loss::consistency::SAME_SURFACE_M;
-use crate::splat::loss::normal_consistency::OPACITY_OFFSET;
 use crate::splat::loss::photometric::{RADIUS, SSIM_C1, SSIM_C2, window};
 use crate::splat::loss::shadow_entropy::CLIP;
-use crate::splat::pinhole::least_logit;
-use crate::splat::raster::{
-    ALPHA_CUT, ALPHA_MAX, LEAST_PX2, LOW_PASS_PX2, MAX_TILT, MIN_TRANSMITTANCE, TILE, channel,
-};
+use crate::splat::pinhole::{ellipsoid_reach, least_logit, least_reach_px};
+use crate::splat::raster::{ALPHA_CUT, ALPHA_MAX, LOW_PASS_PX2, MIN_TRANSMITTANCE, TILE};
 use crate::splat::shadow::SHADOW_RATE_PER_M;
 use crate::splat::splats::SH_C0;
 use std::fmt::Write;
@@ -53,8 +49,6 @@ pub fn wgsl() -> String {
         ("NO_DATA", NO_DATA),
         ("TILE", TILE as u32),
         ("RADIUS", RADIUS as u32),
-        ("DEPTH", channel::DEPTH as u32),
-        ("NORMAL", channel::NORMAL as u32),
     ];
     for (name, value) in integers {
         let _ = writeln!(out, "const {name}: u32 = {value}u;");
@@ -67,10 +61,8 @@ pub fn wgsl() -> String {
         ("ALPHA_MAX", ALPHA_MAX),
         ("LOW_PASS_PX2", LOW_PASS_PX2),
         ("MIN_TRANSMITTANCE", MIN_TRANSMITTANCE),
-        ("MAX_TILT", MAX_TILT),
-        ("LEAST_PX2", LEAST_PX2),
-        ("QUOTIENT_DAMPING", QUOTIENT_DAMPING),
-        ("OPACITY_OFFSET", OPACITY_OFFSET),
+        ("REACH", ellipsoid_reach()),
+        ("LEAST_REACH_PX", least_reach_px(ellipsoid_reach())),
         ("LEAST_LOGIT", least_logit()),
         ("SH_C0", SH_C0),
         ("SH_C1", C1),

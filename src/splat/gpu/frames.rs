@@ -1,7 +1,7 @@
 //! The arrays of images on a device: what renders, their losses and the gradients need for each pixel and tile.
 
+use super::camera_kind::CameraKind;
 use super::device::GpuDevice;
-use super::render_kind::RenderKind;
 use crate::splat::backend::GpuError;
 use crate::splat::raster::TILE;
 
@@ -31,9 +31,9 @@ impl Extent {
 /// A rendered image.
 #[derive(Debug)]
 pub struct ImageArrays {
-    /// Each pixel: `pixel_of` in `wgsl/color.wgsl` and the files beside it, vector by vector.
+    /// Each pixel: `pixel_of` in `wgsl/color.wgsl` or `wgsl/color_altitude.wgsl`.
     pub frame: wgpu::Buffer,
-    /// Derivatives of the loss by the planes of the image, plane by plane.
+    /// Derivatives of the loss by the features, plane by plane.
     pub by_pixel: wgpu::Buffer,
     /// First pair of each tile's list, the first behind it, and the number of useful ones.
     pub ranges: wgpu::Buffer,
@@ -41,11 +41,11 @@ pub struct ImageArrays {
 
 impl ImageArrays {
     /// Room for an image of this extent.
-    pub fn new(gpu: &GpuDevice, kind: RenderKind, extent: Extent) -> Result<Self, GpuError> {
+    pub fn new(gpu: &GpuDevice, kind: CameraKind, extent: Extent) -> Result<Self, GpuError> {
         let Extent { pixels, tiles } = extent;
         Ok(Self {
-            frame: gpu.array("pixels", kind.pixel_words() * pixels)?,
-            by_pixel: gpu.array("derivatives by pixels", kind.planes() * pixels)?,
+            frame: gpu.array("pixels", 4 * pixels)?,
+            by_pixel: gpu.array("derivatives by pixels", kind.features() * pixels)?,
             ranges: gpu.array("ranges of tiles", 4 * tiles)?,
         })
     }

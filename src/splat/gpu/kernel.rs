@@ -4,9 +4,6 @@ use super::constants::MAX_GROUPS;
 use super::device::GpuDevice;
 use super::shader::Shader;
 
-/// The binding of the planes of discs, in all kernels that need them.
-const PLANES_BINDING: u32 = 8;
-
 /// A compiled kernel.
 #[derive(Debug)]
 pub struct Kernel {
@@ -57,20 +54,9 @@ impl Kernel {
 
     /// The kernel with the arrays of its bindings, in their order.
     pub fn bind(&self, gpu: &GpuDevice, arrays: &[&wgpu::Buffer]) -> Bound {
-        self.bind_with(gpu, arrays, None)
-    }
-
-    /// As [`Kernel::bind`], with the planes of discs, if there are any, as [`PLANES_BINDING`].
-    pub fn bind_with(
-        &self,
-        gpu: &GpuDevice,
-        arrays: &[&wgpu::Buffer],
-        planes: Option<&wgpu::Buffer>,
-    ) -> Bound {
-        let arrays = (0..).zip(arrays.iter().copied()).chain(planes.map(|planes| (PLANES_BINDING, planes)));
-        let entries: Vec<_> = arrays
-            .map(|(binding, array)| wgpu::BindGroupEntry { binding, resource: array.as_entire_binding() })
-            .collect();
+        let resources = (0..).zip(arrays).map(|(binding, array)| (binding, array.as_entire_binding()));
+        let entries: Vec<_> =
+            resources.map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(self.name),
             layout: &self.pipeline.get_bind_group_layout(0),

@@ -1,30 +1,27 @@
 //! Photographs on a device.
 
 use super::arrays::{Common, CommonKernels};
+use super::camera_kind::CameraKind;
 use super::constants::NO_DATA;
 use super::device::GpuDevice;
 use super::frames::{Extent, ImageArrays, LossArrays};
 use super::kernel::Dispatch;
-use super::normals::{NormalKernels, Normals};
 use super::photometric::{Photometric, PhotometricKernels};
 use super::plan_uniform::{PlanUniform, pinhole};
 use super::raster::{Raster, RasterKernels, SortedOrder};
-use super::render_kind::RenderKind;
 use super::splats::DeviceSplats;
-use super::views::{DeviceViews, Sums, set, training_numbers};
+use super::views::{DeviceViews, Sums, training_numbers};
 use crate::perspective::PinholeCamera;
 use crate::splat::backend::{GpuError, StepPlan};
 use crate::splat::harmonics::coefficients_used;
 use crate::splat::loss::Losses;
-use crate::splat::pinhole::{NEAREST, PinholePicture, PinholeView, least_reach_px, reach};
-use crate::splat::primitive::PrimitiveKind;
+use crate::splat::pinhole::{NEAREST, PinholePicture, PinholeView};
 use crate::splat::state::TrainingState;
 use std::sync::Arc;
 
 /// The photographs of a scene.
 pub struct DevicePhotographs {
     views: Arc<Vec<PinholeView>>,
-    primitive: PrimitiveKind,
     photographs: Vec<DevicePhotograph>,
     image: ImageArrays,
     losses: LossArrays,
@@ -35,8 +32,6 @@ struct Kernels {
     common: CommonKernels,
     raster: RasterKernels,
     photometric: PhotometricKernels,
-    /// Of discs.
-    normals: Option<NormalKernels>,
 }
 
 /// The arrays of a training.
@@ -44,8 +39,6 @@ pub struct PhotographArrays {
     common: Common,
     raster: Raster,
     losses: Vec<Photometric>,
-    /// Of discs.
-    normals: Option<Normals>,
 }
 
 /// What the kernels of an iteration are told.
@@ -85,29 +78,21 @@ fn pack(([red, green, blue], opacity): ([u8; 3], u8)) -> u32 {
 }
 
 impl DevicePhotographs {
-    /// Copies the photographs to the device, for splats of a kind.
+    /// Copies the photographs to the device.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`].
-    pub fn new(
-        gpu: &GpuDevice,
-        views: Arc<Vec<PinholeView>>,
-        primitive: PrimitiveKind,
-    ) -> Result<Self, GpuError> {
-        let kind = RenderKind::of_photographs(primitive);
+    pub fn new(gpu: &GpuDevice, views: Arc<Vec<PinholeView>>) -> Result<Self, GpuError> {
         let extent = Extent::largest(views.iter().map(|v| v.camera.size));
         let photographs = views.iter().map(|v| DevicePhotograph::new(gpu, v)).collect::<Result<_, _>>()?;
-        let of_discs = primitive == PrimitiveKind::Disc;
         Ok(Self {
-            primitive,
             photographs,
-            image: ImageArrays::new(gpu, kind, extent)?,
+            image: ImageArrays::new(gpu, Self::KIND, extent)?,
             losses: LossArrays::new(gpu, extent)?,
             kernels: Kernels {
                 common: CommonKernels::new(gpu),
-                raster: RasterKernels::new(gpu, kind),
-                photometric: PhotometricKernels::new(gpu, kind),
-                normals: of_discs.then(|| NormalKernels::new(gpu, extent.tiles)).transpose()?,
+                raster: RasterKernels::new(gpu, Self::KIND),
+                photometric: PhotometricKernels::new(gpu, Self::KIND),
             },
             views,
         })
@@ -125,11 +110,8 @@ impl DeviceViews for DevicePhotographs {
     type Picture = PinholePicture;
     type Arrays = PhotographArrays;
     type Uniform = PhotographUniform;
+    const KIND: CameraKind = CameraKind::Pinhole;
     const PAIRS_OF_SPLAT: u64 = 12;
-
-    fn kind(&self) -> RenderKind {
-        RenderKind::of_photographs(self.primitive)
-    }
 
     fn views(&self) -> usize {
         self.views.len()
@@ -152,11 +134,11 @@ impl DeviceViews for DevicePhotographs {
             let images = [&image.frame, &p.pixels, &image.by_pixel];
             Photometric::new(gpu, &kernels.photometric, &raster.plan, images, losses)
         };
-        let losses_of_views = self.photographs.iter().map(of_photograph).collect();
-        let common = Common::new(gpu, &kernels.common, (&raster.plan, losses), (order, splats), pairs)?;
-        let normals = kernels.normals.as_ref();
-        let normals = normals.map(|k| k.bind(gpu, &raster.plan, image, &common.report_words));
-        Ok(PhotographArrays { losses: losses_of_views, normals, common, raster })
+        Ok(PhotographArrays {
+            losses: self.photographs.iter().map(of_photograph).collect(),
+            common: Common::new(gpu, &kernels.common, (&raster.plan, losses), (order, splats), pairs)?,
+            raster,
+        })
     }
 
     fn common(arrays: &PhotographArrays) -> &Common {
@@ -180,21 +162,15 @@ impl DeviceViews for DevicePhotographs {
         let (view, splats) = (&self.views[plan.view], &state.splats);
         let [r, g, b] = if view.has_empty_pixels() { plan.random_background } else { plan.background };
         let center = view.camera.center.to_array().map(|v| v as f32);
-        let mut camera = view.camera.kernel(NEAREST);
-        if self.primitive == PrimitiveKind::Disc {
-            camera = camera.without_limits();
-        }
-        let reach = reach(self.primitive) as f32;
         let coefficients =
             if splats.f_rest.is_empty() { 0 } else { coefficients_used(plan.sh_degree) as u32 };
         let render = PlanUniform {
-            camera: pinhole(&camera, center),
+            camera: pinhole(&view.camera.kernel(NEAREST), center),
             size: view.camera.size,
             background: [r, g, b, 0.0],
             splats: splats.len(),
             coefficients,
             adds_gradient: false,
-            reach: [reach, least_reach_px(reach)],
             training: training_numbers(plan, step, splats.len(), view.camera.size),
         };
         PhotographUniform { view: plan.view, render }
@@ -214,30 +190,20 @@ impl DeviceViews for DevicePhotographs {
         arrays: &'a PhotographArrays,
         uniform: &PhotographUniform,
     ) -> Vec<Dispatch<'a>> {
-        let PhotographArrays { common, raster, losses, normals } = arrays;
+        let PhotographArrays { common, raster, losses } = arrays;
         let (mut list, PhotographUniform { view, render }) = (Vec::new(), uniform);
         raster.project(&mut list, render);
         common.order.sort(&mut list, render.splats);
         raster.forward(&mut list, render);
         list.extend(losses[*view].on(render));
-        let normals = normals.as_ref().filter(|_| render.training.by_normals > 0.0).map(|n| n.on(render));
-        list.extend(normals.map(|[compare, _]| compare));
         raster.backward(&mut list, render);
         common.step(&mut list, render.splats);
         common.report(&mut list);
-        list.extend(normals.map(|[_, report]| report));
         list
     }
 
     fn losses(&self, plan: &StepPlan, splats: usize, sums: &Sums) -> Losses {
-        let (width, height) = self.views[plan.view].camera.size;
-        let mut losses = sums.common_terms(plan, splats, (width, height));
-        let weight = plan.weights.get("normal_consistency");
-        if weight > 0.0 && self.kernels.normals.is_some() {
-            let difference = sums.normals / (width * height) as f64;
-            set(&mut losses, "normal_consistency", difference);
-            losses.total += weight * difference;
-        }
+        let mut losses = sums.common_terms(plan, splats, self.views[plan.view].camera.size);
         losses.average_over(self.photographs[plan.view].valid_share);
         losses
     }

@@ -1,10 +1,10 @@
 //! The photometric loss on a device.
 
+use super::camera_kind::CameraKind;
 use super::device::GpuDevice;
 use super::frames::LossArrays;
 use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::plan_uniform::PlanUniform;
-use super::render_kind::RenderKind;
 use super::shader;
 
 /// The compiled kernels.
@@ -16,12 +16,10 @@ pub struct PhotometricKernels {
 impl PhotometricKernels {
     /// Compiles them for views of this kind: photographs are stored as bytes, and what satellite views are compared with as linear
     /// colours.
-    pub fn new(gpu: &GpuDevice, kind: RenderKind) -> Self {
+    pub fn new(gpu: &GpuDevice, kind: CameraKind) -> Self {
         let [forward, backward] = match kind {
-            RenderKind::Pinhole | RenderKind::PinholeDiscs => {
-                [shader::SSIM_FORWARD_PHOTOGRAPH, shader::SSIM_BACKWARD_PHOTOGRAPH]
-            }
-            RenderKind::Parallel => [shader::SSIM_FORWARD_LINEAR, shader::SSIM_BACKWARD_LINEAR],
+            CameraKind::Pinhole => [shader::SSIM_FORWARD_PHOTOGRAPH, shader::SSIM_BACKWARD_PHOTOGRAPH],
+            CameraKind::Parallel => [shader::SSIM_FORWARD_LINEAR, shader::SSIM_BACKWARD_LINEAR],
         }
         .map(|shader| Kernel::new(gpu, shader, &[]));
         Self { forward, backward }

@@ -2,7 +2,6 @@
 
 use crate::camera::QuadraticKernel;
 use crate::perspective::PinholeKernel;
-use crate::splat::loss::SurfaceDepth;
 use crate::splat::splats::PerGroup;
 
 /// What the kernels of a render are told.
@@ -20,9 +19,6 @@ pub struct PlanUniform {
     pub coefficients: u32,
     /// Whether another render of the iteration has begun the gradient.
     pub adds_gradient: bool,
-    /// Pinhole cameras: the image shows of a splat what lies within so many standard deviations of its centre, and within so many
-    /// pixels of the smallest one.
-    pub reach: [f32; 2],
     /// What follows belongs to the gradient.
     pub training: TrainingNumbers,
 }
@@ -42,10 +38,6 @@ pub struct TrainingNumbers {
     pub by_ssim: f32,
     /// Derivative of the loss by the sum of absolute differences.
     pub by_l1: f32,
-    /// Derivative of the loss by the sum of differences between the normals of discs and of their depths.
-    pub by_normals: f32,
-    /// Which depth of discs is compared.
-    pub surface: SurfaceDepth,
 }
 
 /// A camera as six vectors of four numbers.
@@ -57,9 +49,7 @@ pub fn pinhole(camera: &PinholeKernel<f32>, [x, y, z]: [f32; 3]) -> CameraWords 
         let [a, b, c] = camera.rotation[k];
         [a, b, c, camera.translation[k]]
     };
-    let ([fx, fy], [px, py]) = (camera.focal, camera.principal);
-    // Shaders may take it that all numbers are finite.
-    let [across, down] = camera.limits.map(|limits| limits.map(|v| v.clamp(f32::MIN, f32::MAX)));
+    let ([fx, fy], [px, py], [across, down]) = (camera.focal, camera.principal, camera.limits);
     let limits = [across[0], across[1], down[0], down[1]];
     [row(0), row(1), row(2), [fx, fy, px, py], limits, [x, y, z, camera.nearest]]
 }
@@ -75,7 +65,7 @@ pub fn parallel(camera: &QuadraticKernel<f32>) -> CameraWords {
 }
 
 /// Words of the uniform.
-pub const WORDS: usize = 52;
+pub const WORDS: usize = 48;
 
 impl PlanUniform {
     /// Columns and rows of tiles.
@@ -97,14 +87,12 @@ impl PlanUniform {
         put(28, &[rates.position, rates.opacity_logit, rates.log_scale, rates.rotation]);
         put(32, &[rates.f_dc, rates.f_rest, training.root_second, training.by_opacity]);
         put(36, &[training.by_ssim, training.by_l1]);
-        put(48, &[self.reach[0], self.reach[1], training.by_normals]);
         let [across, down] = self.tiles();
         out[38..40].copy_from_slice(&[self.coefficients, self.splats as u32]);
         out[40..42].copy_from_slice(&[self.size.0 as u32, self.size.1 as u32]);
         out[42..44].copy_from_slice(&[across, down]);
         out[44..46].copy_from_slice(&[pair_capacity, training.iteration]);
         out[46] = self.adds_gradient.into();
-        out[51] = u32::from(training.surface == SurfaceDepth::Median);
         out
     }
 }

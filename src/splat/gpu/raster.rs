@@ -4,12 +4,12 @@
 //! list in depth order. A pair has a slot, to which the backward pass writes its gradient; the slots of a splat are successive, and
 //! are summed up in their order. No sum is atomic: the same device gives the same bytes.
 
+use super::camera_kind::CameraKind;
 use super::constants::SCAN_BLOCK;
 use super::device::GpuDevice;
 use super::frames::ImageArrays;
 use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::plan_uniform::PlanUniform;
-use super::render_kind::RenderKind;
 use super::shader;
 use super::sort::{
     SIZES, Scan, ScanKernels, Sort, SortKernels, VALUE_GROUPS, VALUES, groups_for, passes, sizes_of,
@@ -24,7 +24,7 @@ const DEPTH_PASSES: u32 = 4;
 
 /// The compiled kernels.
 pub struct RasterKernels {
-    kind: RenderKind,
+    kind: CameraKind,
     project: Kernel,
     sort: SortKernels,
     scan: ScanKernels,
@@ -38,23 +38,17 @@ pub struct RasterKernels {
 }
 
 impl RasterKernels {
-    /// Compiles them for a kind of renders.
-    pub fn new(gpu: &GpuDevice, kind: RenderKind) -> Self {
+    /// Compiles them for a kind of cameras.
+    pub fn new(gpu: &GpuDevice, kind: CameraKind) -> Self {
         let kernel = |shader| Kernel::new(gpu, shader, &[]);
         let [project, forward, backward, gather] = match kind {
-            RenderKind::Pinhole => [
+            CameraKind::Pinhole => [
                 shader::PROJECT_PINHOLE,
                 shader::FORWARD_COLOR,
                 shader::BACKWARD_COLOR,
                 shader::GATHER_PINHOLE,
             ],
-            RenderKind::PinholeDiscs => [
-                shader::PROJECT_DISCS,
-                shader::FORWARD_COLOR_SURFACE,
-                shader::BACKWARD_COLOR_SURFACE,
-                shader::GATHER_DISCS,
-            ],
-            RenderKind::Parallel => [
+            CameraKind::Parallel => [
                 shader::PROJECT_PARALLEL,
                 shader::FORWARD_COLOR_ALTITUDE,
                 shader::BACKWARD_COLOR_ALTITUDE,
@@ -156,9 +150,6 @@ impl Raster {
         let (n, pairs) = (splats.capacity as u64, u64::from(pair_capacity));
         let plan = gpu.uniform("plan", super::plan_uniform::WORDS as u64)?;
         let projected = gpu.array("images of splats", n * PROJECTED)?;
-        let planes = kernels.kind.plane_words().map(|words| gpu.array("planes of discs", n * words));
-        let planes = planes.transpose()?;
-        let planes = planes.as_ref();
         let pair_sizes = gpu.sizes("sizes of pairs", SIZES)?;
         let pair_counts = gpu.array("tiles of splats", n)?;
         let pair_splats = gpu.array("splats of pairs", pairs)?;
@@ -185,16 +176,16 @@ impl Raster {
             let backward = [&lists[..], &[&image.by_pixel, &slots]].concat();
             ByTile {
                 ranges: kernels.tile_ranges.bind(gpu, &[&plan, &pair_sizes, tiles, &image.ranges]),
-                forward: kernels.forward.bind_with(gpu, &lists, planes),
-                backward: kernels.backward.bind_with(gpu, &backward, planes),
+                forward: kernels.forward.bind(gpu, &lists),
+                backward: kernels.backward.bind(gpu, &backward),
             }
         });
         Ok(Self {
-            project: kernels.project.bind_with(gpu, &project, planes),
+            project: kernels.project.bind(gpu, &project),
             count_pairs: kernels.pair_counts.bind(gpu, &[&plan, sorted, &projected, &pair_counts]),
             size_pairs: kernels.pair_sizes.bind(gpu, &[&plan, &scan.block_sums, status, &pair_sizes]),
             emit: kernels.pair_emit.bind(gpu, &emit),
-            gather: kernels.gather.bind_with(gpu, &gather, planes),
+            gather: kernels.gather.bind(gpu, &gather),
             by_tile,
             ranges: image.ranges.clone(),
             plan,

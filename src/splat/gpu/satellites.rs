@@ -2,6 +2,7 @@
 
 use super::anchors::Anchors;
 use super::arrays::{Common, CommonKernels};
+use super::camera_kind::CameraKind;
 use super::constants::GROUP;
 use super::device::GpuDevice;
 use super::frames::{Extent, ImageArrays, LossArrays};
@@ -9,7 +10,6 @@ use super::kernel::{Bound, Dispatch, Groups, Kernel};
 use super::photometric::{Photometric, PhotometricKernels};
 use super::plan_uniform::{PlanUniform, TrainingNumbers, parallel};
 use super::raster::{Raster, RasterKernels, SortedOrder};
-use super::render_kind::RenderKind;
 use super::satellite_image::SatelliteImage;
 use super::shader;
 use super::shading_uniform::ShadingUniform;
@@ -25,9 +25,6 @@ use crate::splat::satellite::{NovelView, Picture, SatelliteScene, StepCameras};
 use crate::splat::sheared_camera::SunView;
 use crate::splat::state::TrainingState;
 use std::sync::Arc;
-
-/// How satellite views are rendered.
-const KIND: RenderKind = RenderKind::Parallel;
 
 /// The views of a satellite scene.
 pub struct DeviceSatellites {
@@ -149,7 +146,7 @@ impl DeviceSatellites {
             Ok((prior, array))
         });
         let kernel = |shader| Kernel::new(gpu, shader, &[]);
-        let image = |extent| ImageArrays::new(gpu, KIND, extent);
+        let image = |extent| ImageArrays::new(gpu, Self::KIND, extent);
         Ok(Self {
             prior: prior.transpose()?,
             images: scene.views.iter().map(|v| SatelliteImage::new(gpu, v)).collect::<Result<_, _>>()?,
@@ -162,8 +159,8 @@ impl DeviceSatellites {
             anchors: Anchors::new(gpu)?,
             kernels: Kernels {
                 common: CommonKernels::new(gpu),
-                raster: RasterKernels::new(gpu, KIND),
-                photometric: PhotometricKernels::new(gpu, KIND),
+                raster: RasterKernels::new(gpu, Self::KIND),
+                photometric: PhotometricKernels::new(gpu, Self::KIND),
                 target: kernel(shader::TARGET),
                 shade: kernel(shader::SHADE),
                 shade_backward: kernel(shader::SHADE_BACKWARD),
@@ -227,11 +224,8 @@ impl DeviceViews for DeviceSatellites {
     type Picture = Picture;
     type Arrays = SatelliteArrays;
     type Uniform = SatelliteUniform;
+    const KIND: CameraKind = CameraKind::Parallel;
     const PAIRS_OF_SPLAT: u64 = 4;
-
-    fn kind(&self) -> RenderKind {
-        KIND
-    }
 
     fn views(&self) -> usize {
         self.scene.views.len()
@@ -334,7 +328,6 @@ impl DeviceViews for DeviceSatellites {
             splats: n,
             coefficients: 0,
             adds_gradient: false,
-            reach: [0.0; 2],
             training,
         };
         let added = |frame| {

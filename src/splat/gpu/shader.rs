@@ -38,9 +38,8 @@ macro_rules! shaders {
 }
 
 shaders! {
-    PROJECT_PINHOLE = "project" after ["shape", "pinhole", "color", "displayed", "ellipsoid", "harmonics", "spans", "sum"];
-    PROJECT_DISCS = "project" after ["shape", "pinhole", "color_surface", "displayed", "disc", "harmonics", "spans", "sum"];
-    PROJECT_PARALLEL = "project" after ["shape", "parallel", "color_altitude", "ellipsoid", "harmonics", "spans", "sum"];
+    PROJECT_PINHOLE = "project" after ["shape", "pinhole", "color", "harmonics", "spans", "sum"];
+    PROJECT_PARALLEL = "project" after ["shape", "parallel", "color_altitude", "harmonics", "spans", "sum"];
     SORT_COUNT = "sort_count" after [];
     SORT_SCATTER = "sort_scatter" after [];
     SCAN_BLOCKS = "scan_blocks" after ["scan"];
@@ -50,19 +49,15 @@ shaders! {
     PAIR_EMIT = "pair_emit" after ["spans"];
     TILE_RANGES = "tile_ranges" after [];
     FORWARD_COLOR = "forward" after ["color", "alpha"];
-    FORWARD_COLOR_SURFACE = "forward" after ["color_surface", "disc_alpha"];
     FORWARD_COLOR_ALTITUDE = "forward" after ["color_altitude", "alpha"];
-    BACKWARD_COLOR = "backward" after ["color", "alpha", "moments"];
-    BACKWARD_COLOR_SURFACE = "backward" after ["color_surface", "disc_alpha", "disc_moments"];
-    BACKWARD_COLOR_ALTITUDE = "backward" after ["color_altitude", "alpha", "moments"];
-    GATHER_PINHOLE = "gather" after ["shape", "pinhole", "color", "displayed", "ellipsoid", "harmonics"];
-    GATHER_DISCS = "gather" after ["shape", "pinhole", "color_surface", "displayed", "disc", "harmonics"];
-    GATHER_PARALLEL = "gather" after ["shape", "parallel", "color_altitude", "ellipsoid", "harmonics"];
+    BACKWARD_COLOR = "backward" after ["color", "alpha"];
+    BACKWARD_COLOR_ALTITUDE = "backward" after ["color_altitude", "alpha"];
+    GATHER_PINHOLE = "gather" after ["shape", "pinhole", "color", "harmonics"];
+    GATHER_PARALLEL = "gather" after ["shape", "parallel", "color_altitude", "harmonics"];
     SSIM_FORWARD_PHOTOGRAPH = "ssim_forward" after ["photograph", "window", "sum"];
     SSIM_FORWARD_LINEAR = "ssim_forward" after ["linear_target", "window", "sum"];
     SSIM_BACKWARD_PHOTOGRAPH = "ssim_backward" after ["photograph", "window", "sum"];
     SSIM_BACKWARD_LINEAR = "ssim_backward" after ["linear_target", "window", "sum"];
-    NORMAL_CONSISTENCY = "normal_consistency" after ["pinhole", "color_surface", "sum"];
     TARGET = "target" after ["shading"];
     SHADE = "shade" after ["shading", "color_model", "view_model", "sum"];
     SHADE_BACKWARD = "shade_backward" after ["shading", "color_model", "view_model", "sum"];
@@ -78,7 +73,6 @@ shaders! {
     STEP_APPEARANCE = "step_appearance" after ["shading", "color_model", "adam", "sum"];
     REPORT = "report" after ["sum"];
     REPORT_TERMS = "report_terms" after ["shading", "sum"];
-    REPORT_NORMALS = "report_normals" after ["sum"];
 }
 
 #[cfg(test)]

@@ -12,10 +12,9 @@ use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::random::CounterRng;
 use crate::splat::backend::{DensifyPlan, StepPlan};
-use crate::splat::loss::{LossWeights, Losses, SurfaceDepth, TermInputs, column_names, terms};
-use crate::splat::pinhole::{NEAREST, PinholeStep, PinholeView, objective};
-use crate::splat::primitive::PrimitiveKind;
-use crate::splat::raster::{Image, MIN_TRANSMITTANCE, channel, disc_plane};
+use crate::splat::loss::{LossWeights, SurfaceDepth, TermInputs, terms};
+use crate::splat::pinhole::{EllipsoidObjective, NEAREST, PinholeStep, PinholeView};
+use crate::splat::raster::{Image, MIN_TRANSMITTANCE};
 use crate::splat::recipe::NetworkRates;
 use crate::splat::seen_gradient::SeenGradient;
 use crate::splat::splats::{GROUP_INFO, PerGroup, SH_C0, Splats};
@@ -37,16 +36,13 @@ pub fn device() -> Option<GpuDevice> {
     }
 }
 
-/// Distance of the camera from the origin.
-const DISTANCE_M: f64 = 12.0;
-
-/// A camera that looks at the origin under an angle.
+/// A camera that looks at the origin from 12 m away, under an angle.
 pub fn camera(size: (usize, usize), angle: f64) -> PinholeCamera {
     let cam_from_site = DMat3::from_rotation_x(2.7) * DMat3::from_rotation_z(angle);
     let focal = 0.9 * size.0.max(size.1) as f64;
     PinholeCamera {
         cam_from_site,
-        center: cam_from_site.transpose() * DVec3::new(0.3, -0.4, -DISTANCE_M),
+        center: cam_from_site.transpose() * DVec3::new(0.3, -0.4, -12.0),
         focal: DVec2::new(focal, 0.97 * focal),
         principal: DVec2::new(0.5 * size.0 as f64 + 0.3, 0.5 * size.1 as f64 - 0.8),
         size,
@@ -73,16 +69,6 @@ pub fn scene(n: usize, opacity: f32) -> Splats {
     out
 }
 
-/// Splats, and which depth of discs is the surface's.
-type Case = (Splats, SurfaceDepth);
-
-/// Ellipsoids, and discs of their shape with both depths.
-fn cases(ellipsoids: Splats) -> [Case; 3] {
-    let mut discs = ellipsoids.clone();
-    discs.flatten();
-    [(ellipsoids, SurfaceDepth::Mean), (discs.clone(), SurfaceDepth::Mean), (discs, SurfaceDepth::Median)]
-}
-
 /// A photograph of smooth colours with some pixels without data.
 fn photograph(camera: PinholeCamera) -> PinholeView {
     let (width, height) = camera.size;
@@ -96,8 +82,7 @@ fn photograph(camera: PinholeCamera) -> PinholeView {
 }
 
 const BACKGROUND: [f32; 3] = [0.2, 0.7, 0.4];
-/// Discs alone have normals that are compared with those of their depths.
-const WEIGHTS: [(&str, f64); 2] = [("opacity_sum", 3e-6), ("normal_consistency", 0.05)];
+const BY_OPACITY: f64 = 3e-6;
 /// Coefficients of the harmonics that count.
 const DEGREE: usize = 2;
 
@@ -118,8 +103,7 @@ const SCENES: [((usize, usize), usize, f32); 6] = [
 
 /// What a device computes of one view.
 struct OnDevice {
-    /// The render, whose last value in a pixel is the transmittance.
-    frame: Vec<Vec<f32>>,
+    frame: Vec<[f32; 4]>,
     gradient: Splats,
     seen: Vec<bool>,
     report: [u32; REPORT],
@@ -190,35 +174,19 @@ pub fn step<V: DeviceViews>(
 }
 
 /// An iteration on a photograph.
-fn on_device(gpu: &GpuDevice, (splats, surface): &Case, view: &PinholeView) -> OnDevice {
+fn on_device(gpu: &GpuDevice, splats: &Splats, view: &PinholeView, pairs: u32) -> OnDevice {
     let mut state = TrainingState::start(splats.clone(), Default::default(), 0, 0);
-    let primitive = splats.primitive();
-    let mut views = DevicePhotographs::new(gpu, Arc::new(vec![view.clone()]), primitive).unwrap();
-    let plan = StepPlan { surface: *surface, ..plan(LossWeights::of(&WEIGHTS).unwrap()) };
-    let Step { gradient, seen, report } = step(gpu, &mut views, &mut state, &plan, 100_000);
+    let mut views = DevicePhotographs::new(gpu, Arc::new(vec![view.clone()])).unwrap();
+    let plan = plan(LossWeights::of(&[("opacity_sum", BY_OPACITY)]).unwrap());
+    let Step { gradient, seen, report } = step(gpu, &mut views, &mut state, &plan, pairs);
     let (width, height) = view.camera.size;
-    let (pixels, words) = (width * height, views.kind().pixel_words() as usize);
-    let frame = gpu.read_numbers(views.frame(), words * pixels).unwrap();
-    let of_pixel =
-        |i: usize| frame.chunks(4 * pixels).flat_map(|plane| &plane[4 * i..][..4]).copied().collect();
+    let frame = gpu.read_numbers(views.frame(), 4 * width * height).unwrap();
     let statistics = state.statistics.sums().collect();
-    OnDevice { frame: (0..pixels).map(of_pixel).collect(), gradient, seen, report, statistics }
-}
-
-/// The planes of the processor's render that the device's has.
-fn planes((splats, surface): &Case) -> Vec<usize> {
-    let depth = match surface {
-        SurfaceDepth::Mean => channel::DEPTH,
-        SurfaceDepth::Median => disc_plane::MEDIAN_DEPTH,
-    };
-    match splats.primitive() {
-        PrimitiveKind::Ellipsoid => vec![0, 1, 2, channel::TRANSMITTANCE],
-        PrimitiveKind::Disc => vec![0, 1, 2, depth, 4, 5, 6, disc_plane::TRANSMITTANCE],
-    }
+    OnDevice { frame: frame.as_chunks().0.to_vec(), gradient, seen, report, statistics }
 }
 
 /// The same on the processor: the render, the derivatives of all splats, which the view may show, and the loss.
-fn on_processor((splats, surface): &Case, view: &PinholeView) -> (Image<f32>, Splats, Vec<bool>, Losses) {
+fn on_processor(splats: &Splats, view: &PinholeView) -> (Image<f32>, Splats, Vec<bool>, [f64; 2]) {
     let state = TrainingState::start(splats.clone(), Default::default(), 0, 0);
     let (mut target, mut valid) = (Image::default(), Vec::new());
     view.load(BACKGROUND, &mut target, &mut valid);
@@ -231,17 +199,17 @@ fn on_processor((splats, surface): &Case, view: &PinholeView) -> (Image<f32>, Sp
         anchored: &[],
         background: BACKGROUND,
         sh_degree: DEGREE,
-        surface: *surface,
+        surface: SurfaceDepth::Mean,
     };
-    let weights = LossWeights::of(&WEIGHTS).unwrap();
-    let mut objective = objective::<f32>(splats.primitive(), terms(TermInputs::default()));
+    let weights = LossWeights::of(&[("opacity_sum", BY_OPACITY)]).unwrap();
+    let mut objective = EllipsoidObjective::<f32>::new(terms(TermInputs::default()));
     let mut gradient = SeenGradient::default();
     let mut watch = Stopwatch::default();
     let losses = objective.evaluate(&state.splats, &input, &weights, &mut gradient, &mut watch);
     let mut seen = vec![false; splats.len()];
     gradient.indices.iter().for_each(|i| seen[*i as usize] = true);
     let all = gradient.of_all(&state.splats);
-    (objective.view().clone(), all, seen, losses)
+    (objective.view().clone(), all, seen, [losses.columns[0], losses.columns[1]])
 }
 
 #[test]
@@ -271,55 +239,33 @@ fn the_sort_is_that_of_the_processor() {
 fn renders_and_losses_are_those_of_the_processor() {
     let Some(gpu) = device() else { return };
     for (size, n, opacity) in SCENES {
-        let view = photograph(camera(size, 0.4));
-        cases(scene(n, opacity)).iter().for_each(|case| compare_renders(&gpu, case, &view));
-    }
-}
-
-fn compare_renders(gpu: &GpuDevice, case: &Case, view: &PinholeView) {
-    let size = view.camera.size;
-    let device = on_device(gpu, case, view);
-    let (image, _, seen, losses) = on_processor(case, view);
-    assert_eq!(device.seen, seen, "{size:?}");
-    let planes = planes(case);
-    let (mut off, mut largest) = (0, 0.0f32);
-    // Depths are compared by their share of the distance of the camera.
-    let unit = |plane: usize| {
-        let is_depth = [channel::DEPTH, disc_plane::MEDIAN_DEPTH].contains(&plane);
-        if is_depth { DISTANCE_M as f32 } else { 1.0 }
-    };
-    // An opaque pixel is complete here; the processor goes on until its whole block of pixels is.
-    let largest_of = |plane: &usize| image.plane(*plane).data.into_iter().fold(0.0, f32::max) / unit(*plane);
-    let beyond = MIN_TRANSMITTANCE as f32 * planes.iter().map(largest_of).fold(1.0, f32::max);
-    for row in 0..size.1 {
-        for col in 0..size.0 {
-            let found = device.frame[row * size.0 + col].iter();
-            let differences =
-                found.zip(&planes).map(|(v, plane)| (v - image.at(*plane, col, row)).abs() / unit(*plane));
-            let worst = differences.fold(0.0, f32::max);
-            let is_opaque = image.at(planes[planes.len() - 1], col, row) < MIN_TRANSMITTANCE as f32;
-            largest = largest.max(worst);
-            off += usize::from(worst > PIXEL_TOLERANCE + if is_opaque { beyond } else { 0.0 });
+        let (splats, view) = (scene(n, opacity), photograph(camera(size, 0.4)));
+        let device = on_device(&gpu, &splats, &view, 100_000);
+        let (image, _, seen, losses) = on_processor(&splats, &view);
+        assert_eq!(device.seen, seen, "{size:?}");
+        let (mut off, mut largest) = (0, 0.0f32);
+        // An opaque pixel is complete here; the processor goes on until its whole block of pixels is.
+        let beyond = MIN_TRANSMITTANCE as f32 * image.data.iter().fold(1.0, |m: f32, v| m.max(*v));
+        for row in 0..size.1 {
+            for col in 0..size.0 {
+                let found = device.frame[row * size.0 + col];
+                let expected = [0, 1, 2, 4].map(|c| image.at(c, col, row));
+                let worst = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                let is_opaque = expected[3] < MIN_TRANSMITTANCE as f32;
+                largest = largest.max(worst);
+                off += usize::from(worst > PIXEL_TOLERANCE + if is_opaque { beyond } else { 0.0 });
+            }
         }
+        assert!(off * 1000 <= size.0 * size.1 && largest < 1.0 / 255.0, "{size:?}: {off} {largest:e}");
+        let values = (3 * size.0 * size.1) as f64;
+        let share = valid_share(&view);
+        if share == 0.0 {
+            continue;
+        }
+        let l1 = f64::from(f32::from_bits(device.report[4])) / values / share;
+        let ssim = (f64::from(f32::from_bits(device.report[3])) / values - (1.0 - share)) / share;
+        assert!((l1 - losses[0]).abs() < 1e-5 && (ssim - losses[1]).abs() < 1e-5, "{l1} {ssim} {losses:?}");
     }
-    assert!(off * 1000 <= size.0 * size.1 && largest < 1.0 / 255.0, "{size:?}: {off} {largest:e}");
-    let values = (3 * size.0 * size.1) as f64;
-    let share = valid_share(view);
-    if share == 0.0 {
-        return;
-    }
-    let l1 = f64::from(f32::from_bits(device.report[4])) / values / share;
-    let ssim = (f64::from(f32::from_bits(device.report[3])) / values - (1.0 - share)) / share;
-    let [of_l1, of_ssim] = ["l1", "ssim"].map(|name| column(&losses, name));
-    assert!((l1 - of_l1).abs() < 1e-5 && (ssim - of_ssim).abs() < 1e-5, "{l1} {ssim} {of_l1} {of_ssim}");
-    let normals = f64::from(f32::from_bits(device.report[10])) / (size.0 * size.1) as f64;
-    let of_normals = column(&losses, "normal_consistency");
-    assert!((normals - of_normals).abs() < 1e-5, "{size:?}: {normals} {of_normals}");
-}
-
-fn column(losses: &Losses, name: &str) -> f64 {
-    let k = column_names().position(|column| column == name).unwrap();
-    losses.columns[k]
 }
 
 /// Share of the pixels with data.
@@ -333,27 +279,22 @@ fn valid_share(view: &PinholeView) -> f64 {
 fn gradients_are_those_of_the_processor() {
     let Some(gpu) = device() else { return };
     for (size, n, opacity) in SCENES {
-        let view = photograph(camera(size, 0.4));
-        cases(scene(n, opacity)).iter().for_each(|case| compare_gradients(&gpu, case, &view));
+        let (splats, view) = (scene(n, opacity), photograph(camera(size, 0.4)));
+        let device = on_device(&gpu, &splats, &view, 100_000);
+        let (_, expected, _, _) = on_processor(&splats, &view);
+        let has_opaque = device.frame.iter().any(|pixel| pixel[3] < MIN_TRANSMITTANCE as f32);
+        let tolerance = GRADIENT_TOLERANCE[usize::from(has_opaque)];
+        for ((found, expected), info) in
+            device.gradient.groups().into_iter().zip(expected.groups()).zip(GROUP_INFO)
+        {
+            let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
+            let difference = norm(&mut found.iter().zip(expected).map(|(a, b)| f64::from(a - b)));
+            let length = norm(&mut expected.iter().map(|v| f64::from(*v)));
+            assert!(difference <= tolerance * length, "{size:?} {}: {difference:e} of {length:e}", info.name);
+        }
+        let seen = device.statistics.iter().filter(|(_, views)| *views == 1).count();
+        assert!(seen >= n / 20 && device.statistics.iter().all(|(sum, views)| *views == 1 || *sum == 0.0));
     }
-}
-
-fn compare_gradients(gpu: &GpuDevice, case: &Case, view: &PinholeView) {
-    let (size, n) = (view.camera.size, case.0.len());
-    let device = on_device(gpu, case, view);
-    let (_, expected, _, _) = on_processor(case, view);
-    let has_opaque = device.frame.iter().any(|pixel| pixel[pixel.len() - 1] < MIN_TRANSMITTANCE as f32);
-    let tolerance = GRADIENT_TOLERANCE[usize::from(has_opaque)];
-    for ((found, expected), info) in
-        device.gradient.groups().into_iter().zip(expected.groups()).zip(GROUP_INFO)
-    {
-        let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
-        let difference = norm(&mut found.iter().zip(expected).map(|(a, b)| f64::from(a - b)));
-        let length = norm(&mut expected.iter().map(|v| f64::from(*v)));
-        assert!(difference <= tolerance * length, "{size:?} {}: {difference:e} of {length:e}", info.name);
-    }
-    let seen = device.statistics.iter().filter(|(_, views)| *views == 1).count();
-    assert!(seen >= n / 20 && device.statistics.iter().all(|(sum, views)| *views == 1 || *sum == 0.0));
 }
 
 #[test]
@@ -369,17 +310,12 @@ fn one_splat_over_the_whole_image_and_splats_on_one_plane_are_as_on_the_processo
         let p = DVec3::from_array(position.map(f64::from));
         *position = (p - forward * forward.dot(p)).to_array().map(|v| v as f32);
     }
-    for case in [large, plane].into_iter().flat_map(cases) {
-        let device = on_device(&gpu, &case, &view);
-        let (image, ..) = on_processor(&case, &view);
-        let planes = planes(&case);
-        let through = planes[planes.len() - 1];
+    for splats in [large, plane] {
+        let device = on_device(&gpu, &splats, &view, 100_000);
+        let (image, ..) = on_processor(&splats, &view);
         // The order of depths on one plane is that of rounding; the transmittance does not depend on it.
         let pixels = (0..70).flat_map(|row| (0..45).map(move |col| (col, row)));
-        let worst = pixels.map(|(col, row)| {
-            let pixel = &device.frame[row * 45 + col];
-            (pixel[pixel.len() - 1] - image.at(through, col, row)).abs()
-        });
+        let worst = pixels.map(|(col, row)| (device.frame[row * 45 + col][3] - image.at(4, col, row)).abs());
         let worst = worst.fold(0.0, f32::max);
         assert!(worst < PIXEL_TOLERANCE + MIN_TRANSMITTANCE as f32, "{worst}");
     }
@@ -394,12 +330,9 @@ fn values_that_are_not_finite_reach_no_other_splat() {
     broken.log_scale[5] = [f32::INFINITY; 3];
     broken.rotation[8] = [f32::NAN; 4];
     broken.opacity_logit[13] = [f32::NAN];
-    for case in cases(broken) {
-        let device = on_device(&gpu, &case, &view);
-        assert!(device.frame.iter().flatten().all(|v| v.is_finite()));
-        let is_sound = |i: usize| ![3, 5, 8, 13].contains(&i);
-        let gradient = &device.gradient;
-        let is_finite = |i: usize| gradient.position[i].iter().all(|v| v.is_finite());
-        assert!((0..300).filter(|i| is_sound(*i)).all(is_finite));
-    }
+    let device = on_device(&gpu, &broken, &view, 100_000);
+    assert!(device.frame.iter().flatten().all(|v| v.is_finite()));
+    let is_sound = |i: usize| ![3, 5, 8, 13].contains(&i);
+    let gradient = &device.gradient;
+    assert!((0..300).filter(|i| is_sound(*i)).all(|i| gradient.position[i].iter().all(|v| v.is_finite())));
 }

@@ -1,11 +1,11 @@
 //! What differs between the trainings of photographs and of satellite images on a device.
 
 use super::arrays::{Common, REPORT};
+use super::camera_kind::CameraKind;
 use super::device::GpuDevice;
 use super::kernel::Dispatch;
 use super::plan_uniform::{PlanUniform, TrainingNumbers};
 use super::raster::Raster;
-use super::render_kind::RenderKind;
 use super::splats::DeviceSplats;
 use crate::nn::adam::AdamStep;
 use crate::splat::adam::RULE;
@@ -24,11 +24,10 @@ pub trait DeviceViews {
     type Arrays;
     /// What the kernels of an iteration are told.
     type Uniform;
+    /// What cameras the views have.
+    const KIND: CameraKind;
     /// Pairs of splats and tiles in each render for which there is room at first, for each splat.
     const PAIRS_OF_SPLAT: u64;
-
-    /// How the views are rendered.
-    fn kind(&self) -> RenderKind;
 
     /// Number of views.
     fn views(&self) -> usize;
@@ -105,16 +104,14 @@ pub struct Sums {
     pub compared: [f64; 3],
     /// Of the splats' robust distances from the prior's surface.
     pub distance: f64,
-    /// Of the differences between the normals of discs and of their depths, over pixels.
-    pub normals: f64,
 }
 
 impl Sums {
     /// From the words of a report.
     pub fn new(report: &[u32; REPORT]) -> Self {
-        let [_, _, opacity, ssim, l1, entropy, pixels, altitude, color, distance, normals] =
+        let [_, _, opacity, ssim, l1, entropy, pixels, altitude, color, distance] =
             report.map(|word| f64::from(f32::from_bits(word)));
-        Self { opacity, ssim, l1, entropy, compared: [pixels, altitude, color], distance, normals }
+        Self { opacity, ssim, l1, entropy, compared: [pixels, altitude, color], distance }
     }
 
     /// The terms that all kinds of views have, with the mean opacity and the loss of opacities.
@@ -159,7 +156,5 @@ pub fn training_numbers(
         by_opacity: by_opacity(plan, splats) as f32,
         by_ssim: (-SSIM_WEIGHT / values) as f32,
         by_l1: ((1.0 - SSIM_WEIGHT) / values) as f32,
-        surface: plan.surface,
-        by_normals: (plan.weights.get("normal_consistency") / (width * height) as f64) as f32,
     }
 }

@@ -19,7 +19,7 @@ pub const INFO: TermInfo = TermInfo {
     scope: TermScope::PhotographedDiscs,
 };
 /// Added to the opacity that a mean depth is divided by (2DGS).
-pub const OPACITY_OFFSET: f64 = 1e-8;
+pub(super) const OPACITY_OFFSET: f64 = 1e-8;
 
 /// Channels of the render that the term has derivatives by: the normal, the sum of depths or the median depth, the transmittance.
 const CHANNELS_OF_MEAN: [usize; 5] = channels_with(channel::DEPTH);

@@ -19,7 +19,7 @@ pub use objective::{
     AnyPinholeObjective, DiscObjective, EllipsoidObjective, PinholeObjective, PinholeStep, objective,
 };
 pub use picture::{DiscPlanes, PinholePicture, comparison};
-pub use seen::{least_logit, least_reach_px, reach};
+pub use seen::{ellipsoid_reach, least_logit, least_reach_px};
 pub use start::{focus, splats_at_points, splats_on_rays};
 pub use view::{PinholeView, extent_m};
 pub use views::PinholeViews;

@@ -16,15 +16,10 @@ const PIECE: usize = 1 << 13;
 const OPACITY_MARGIN: f64 = 0.999;
 const MARGIN_PX: f64 = 1.0;
 
-/// What a splat of a kind shows lies within so many standard deviations of its image's centre.
+/// What an ellipsoid shows lies within so many standard deviations of its image's centre.
 #[must_use]
-pub fn reach(kind: PrimitiveKind) -> f64 {
-    let of_ellipsoid = (-2.0 * ALPHA_CUT.ln()).sqrt();
-    match kind {
-        PrimitiveKind::Ellipsoid => of_ellipsoid,
-        // The near end of the disc that is inclined most.
-        PrimitiveKind::Disc => of_ellipsoid / (1.0 - MAX_TILT.sqrt()),
-    }
+pub fn ellipsoid_reach() -> f64 {
+    (-2.0 * ALPHA_CUT.ln()).sqrt()
 }
 
 /// Splats with a smaller logit of the opacity show nothing.
@@ -98,7 +93,12 @@ impl<T: SimdReal> SeenSplats<T> {
         kind: PrimitiveKind,
         camera: Option<&FrameCamera<PinholeKernel<T>>>,
     ) {
-        let (reach, least_logit) = (T::from_f64(reach(kind)), least_logit());
+        let reach = match kind {
+            PrimitiveKind::Ellipsoid => ellipsoid_reach(),
+            // The near end of the disc that is inclined most.
+            PrimitiveKind::Disc => ellipsoid_reach() / (1.0 - MAX_TILT.sqrt()),
+        };
+        let (reach, least_logit) = (T::from_f64(reach), least_logit());
         let frustum = camera.map(|camera| Frustum { camera, reach, least_logit });
         self.pieces.resize_with(all.len().div_ceil(PIECE), Piece::default);
         self.pieces.par_iter_mut().enumerate().for_each(|(k, piece)| {

@@ -42,6 +42,6 @@ pub use project::FrameCamera;
 pub use rasterizer::{MAX_SIDE, Rasterizer};
 pub use renderer::{Renderer, renderer};
 pub use scaled::Scaled;
-pub use slope::{LEAST_PX2, MAX_TILT, parallel_slope};
+pub use slope::{MAX_TILT, parallel_slope};
 pub use sorted::SortedSplats;
 pub use splat_block::SplatGradient;

@@ -8,7 +8,7 @@ use crate::simd::{Real, Simd, SimdVec, broadcast_each};
 /// meets the camera's own plane close to the disc, and the disc is drawn without a slope.
 pub const MAX_TILT: f64 = 0.64;
 /// Smallest sum of variances that is divided by, px².
-pub const LEAST_PX2: f64 = 1e-12;
+const LEAST_PX2: f64 = 1e-12;
 
 /// The share of its slope with which a disc is drawn, from the covariance (xx, xy, yy) of its image without the low-pass
 /// filter, px².

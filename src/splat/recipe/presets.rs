@@ -295,7 +295,11 @@ fn indoor() -> Recipe<PerspectiveRecipe> {
             .densification
             .map(|g| Densification { active: Some(ActiveGrowth { idle_rounds: 5 }), ..g }),
         reset: None,
-        kind: PerspectiveRecipe { priors_from: 7000, last_opacity_sum: Some(1e-9), ..discs.kind },
+        kind: PerspectiveRecipe {
+            priors_from: 7000,
+            last_opacity_sum: Some(1e-9),
+            ..discs.kind
+        },
         ..discs
     }
 }

@@ -1,6 +1,6 @@
 // The gradient of alpha compositing, front to back, without atomic sums (src/splat/raster/backward.rs).
 //
-// A workgroup has a lane for each pixel of its tile. For a few splats at a time, each lane writes its weight and its derivative; then a lane
+// A workgroup has a lane for each pixel of its tile. For four splats at a time, each lane writes its weight and its derivative; then a lane
 // for each splat and row of pixels sums a row, and a lane for each splat and number sums the rows into the slot of the pair.
 
 @group(0) @binding(0) var<uniform> plan: Plan;
@@ -9,11 +9,16 @@
 @group(0) @binding(3) var<storage, read> splats: array<u32>;
 @group(0) @binding(4) var<storage, read> projected: array<Projected>;
 @group(0) @binding(5) var<storage, read> frame: array<vec4<f32>>;
-/// Derivatives of the loss by the planes.
+/// Derivatives of the loss by the features, plane by plane.
 @group(0) @binding(6) var<storage, read> by_pixel: array<f32>;
 /// `SLOT` numbers of each pair: moments 1, x, xx, y, xy, yy of alpha times the derivative by alpha about the splat's centre, then the
-/// derivatives by the features, and of discs those from which the derivative by the slope follows.
+/// derivatives by the features.
 @group(0) @binding(7) var<storage, read_write> sums: array<f32>;
+
+/// Number of splats whose sums are computed together.
+const TOGETHER: u32 = 4u;
+/// Sums over a row of pixels: moments 1, x, xx, and the derivatives by the features.
+const ROW_SUMS: u32 = 3u + FEATURES;
 
 var<workgroup> batch: array<Staged, STAGED>;
 var<workgroup> range: TileRange;
@@ -23,28 +28,19 @@ var<workgroup> by_features: array<f32, FEATURES * GROUP>;
 var<workgroup> row_sums: array<f32, TOGETHER * TILE * ROW_SUMS>;
 
 /// Sums of a splat over a row of pixels.
-fn sum_row(k: u32, splat: u32, row: u32, corner: vec2<f32>) {
+fn sum_row(k: u32, splat: u32, row: u32, first_column: f32) {
     var sum = vec3(0.0);
-    var features: array<f32, FEATURES>;
-    var by_log_alpha = 0.0;
-    var by_depth = 0.0;
-    var by_plane = vec2(0.0);
-    let middle = batch[splat].mean - corner;
+    var features = Features();
+    let middle = batch[splat].mean.x - first_column;
     // Each row begins at another column, so that lanes do not wait for one bank of memory.
     for (var turn = 0u; turn < TILE; turn++) {
         let column = (turn + row) % TILE;
         let pixel = row * TILE + column;
         let own = steps[k * GROUP + pixel];
-        let d = vec2(f32(column), f32(row)) - middle;
-        let part = part_of(splat, own, d, pixel);
-        sum += part.by_exponent * vec3(1.0, d.x, d.x * d.x);
+        let x = f32(column) - middle;
+        sum += own.y * vec3(1.0, x, x * x);
         for (var f = 0u; f < FEATURES; f++) {
-            features[f] += part.weight * by_features[f * GROUP + pixel];
-        }
-        if IS_FLAT {
-            by_log_alpha += own.y;
-            by_depth += part.by_depth;
-            by_plane += part.by_plane * vec2(1.0, d.x);
+            features[f] += own.x * by_features[f * GROUP + pixel];
         }
     }
     let at = (k * TILE + row) * ROW_SUMS;
@@ -54,18 +50,11 @@ fn sum_row(k: u32, splat: u32, row: u32, corner: vec2<f32>) {
     for (var f = 0u; f < FEATURES; f++) {
         row_sums[at + 3u + f] = features[f];
     }
-    if IS_FLAT {
-        row_sums[at + 3u + DEPTH] = by_depth;
-        row_sums[at + 3u + FEATURES] = by_log_alpha;
-        row_sums[at + 4u + FEATURES] = by_plane.x;
-        row_sums[at + 5u + FEATURES] = by_plane.y;
-    }
 }
 
 /// One of the numbers of a slot, from the sums over rows.
 fn sum_rows(k: u32, splat: u32, number: u32, first_row: f32) -> f32 {
-    // Which sum over a row, and which power of y: the features follow the six moments. The last number of a disc is the moment y of the
-    // derivative by its plane.
+    // Which sum over a row, and which power of y: the features follow the six moments.
     var sources = array<u32, 6>(0u, 1u, 2u, 0u, 1u, 0u);
     var powers = array<u32, 6>(0u, 0u, 0u, 1u, 1u, 2u);
     var source = number - 3u;
@@ -73,9 +62,6 @@ fn sum_rows(k: u32, splat: u32, number: u32, first_row: f32) -> f32 {
     if number < 6u {
         source = sources[number];
         power = powers[number];
-    } else if number == 9u + FEATURES {
-        source = 4u + FEATURES;
-        power = 1u;
     }
     let middle = batch[splat].mean.y - first_row;
     var sum = 0.0;
@@ -102,26 +88,20 @@ fn main(
     let is_inside = all(pixel < plan.size);
     let place = vec2<f32>(pixel);
     var transmittance = 0.0;
-    var by_planes: array<f32, PLANES>;
     var by = Features();
     // What the splats behind and the background contribute to the product of features and derivatives.
     var remaining = 0.0;
     if is_inside {
         let i = pixel.y * plan.size.x + pixel.x;
         let pixels = plan.size.x * plan.size.y;
-        for (var plane = 0u; plane < planes_used(); plane++) {
-            by_planes[plane] = by_pixel[plane * pixels + i];
+        for (var f = 0u; f < FEATURES; f++) {
+            by[f] = by_pixel[f * pixels + i];
         }
-        by = by_features_of(by_planes);
-        var whole: array<vec4<f32>, PIXEL>;
-        for (var part = 0u; part < PIXEL; part++) {
-            whole[part] = frame[part * pixels + i];
-        }
-        remaining = product(by, features_at(whole));
+        remaining = dot(by, features_at(frame[i]));
         transmittance = 1.0;
     }
     for (var f = 0u; f < FEATURES; f++) {
-        by_features[f * GROUP + lane] = by_planes[f];
+        by_features[f * GROUP + lane] = by[f];
     }
     let end = list.start + list.useful;
     for (var start = list.start; start < end; start += STAGED) {
@@ -138,23 +118,21 @@ fn main(
             for (var k = 0u; k < together; k++) {
                 var own = vec2(0.0);
                 if transmittance >= MIN_TRANSMITTANCE {
-                    let sample = sample_at(batch[first + k], place);
-                    let alpha = min(sample.alpha, ALPHA_MAX);
+                    let unclamped = alpha_at(batch[first + k], place);
+                    let alpha = min(unclamped, ALPHA_MAX);
                     let weight = transmittance * alpha;
-                    let contribution = weight * product(sample.features, by);
-                    let before = transmittance;
+                    let contribution = weight * dot(batch[first + k].features, by);
                     transmittance *= 1.0 - alpha;
                     remaining -= contribution;
                     // Where alpha is clamped it does not depend on the splat.
                     let by_alpha = contribution - remaining * alpha / (1.0 - alpha);
-                    let by_log_alpha = select(0.0, by_alpha, sample.alpha <= ALPHA_MAX);
-                    own = step_of(weight, by_log_alpha, before, transmittance);
+                    own = vec2(weight, select(0.0, by_alpha, unclamped <= ALPHA_MAX));
                 }
                 steps[k * GROUP + lane] = own;
             }
             workgroupBarrier();
             if lane < together * TILE {
-                sum_row(lane / TILE, first + lane / TILE, lane % TILE, vec2<f32>(corner));
+                sum_row(lane / TILE, first + lane / TILE, lane % TILE, f32(corner.x));
             }
             workgroupBarrier();
             if lane < together * SLOT {

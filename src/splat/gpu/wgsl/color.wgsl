@@ -2,19 +2,11 @@
 
 alias Features = vec3<f32>;
 
-/// Whether the depth varies over the image of a splat.
-const IS_FLAT: bool = false;
-/// Features of a splat, planes by which the loss has derivatives, and vectors of a pixel.
 const FEATURES: u32 = 3u;
-const PLANES: u32 = FEATURES;
-const PIXEL: u32 = 1u;
 /// Numbers in the slot of a pair of a splat and a tile: six moments, and the derivatives by the features.
 const SLOT: u32 = 6u + FEATURES;
-/// Number of splats that the forward pass stages together, and the backward pass, which sums those of a few: as many as workgroup memory
-/// has room for.
-const BATCH: u32 = GROUP;
+/// Number of splats that the backward pass stages together: as many as workgroup memory has room for.
 const STAGED: u32 = 64u;
-const TOGETHER: u32 = 4u;
 
 fn features_of(image: Projected) -> Features {
     return image.color;
@@ -24,20 +16,25 @@ fn features_behind() -> Features {
     return plan.background.rgb;
 }
 
-fn pixel_of(features: Features, transmittance: f32) -> array<vec4<f32>, PIXEL> {
-    return array<vec4<f32>, PIXEL>(vec4(features, transmittance));
+fn pixel_of(features: Features, transmittance: f32) -> vec4<f32> {
+    return vec4(features, transmittance);
 }
 
-fn features_at(pixel: array<vec4<f32>, PIXEL>) -> Features {
-    return pixel[0].rgb;
+fn features_at(pixel: vec4<f32>) -> Features {
+    return pixel.rgb;
 }
 
-/// The loss's derivatives by the features, from those by the planes.
-fn by_features_of(planes: array<f32, PLANES>) -> Features {
-    return vec3(planes[0], planes[1], planes[2]);
+/// Colours as displayed are not negative.
+fn shown(color: vec3<f32>) -> vec3<f32> {
+    return max(color, vec3(0.0));
 }
 
-/// The derivative by the depth of a splat by way of its features, from the sums of its slots.
-fn by_depth(sums: array<f32, SLOT>) -> f32 {
+/// Where `shown` has a slope.
+fn is_shown(color: vec3<f32>) -> vec3<bool> {
+    return color > vec3(0.0);
+}
+
+/// The derivative by the altitude of a splat by way of its features, from the sums of its slots.
+fn by_altitude(sums: array<f32, SLOT>) -> f32 {
     return 0.0;
 }

@@ -6,10 +6,10 @@
 @group(0) @binding(2) var<storage, read> slots: array<u32>;
 @group(0) @binding(3) var<storage, read> splats: array<u32>;
 @group(0) @binding(4) var<storage, read> projected: array<Projected>;
-/// Each pixel: `pixel_of`, plane by plane.
+/// Each pixel: `pixel_of`.
 @group(0) @binding(5) var<storage, read_write> frame: array<vec4<f32>>;
 
-var<workgroup> batch: array<Staged, BATCH>;
+var<workgroup> batch: array<Staged, GROUP>;
 var<workgroup> range: TileRange;
 /// The largest number of splats that a pixel has needed, and whether one is still translucent.
 var<workgroup> useful: atomic<u32>;
@@ -34,7 +34,7 @@ fn main(
     var transmittance = select(0.0, 1.0, is_inside);
     var features = Features();
     var needed = 0u;
-    for (var start = list.start; start < list.end; start += BATCH) {
+    for (var start = list.start; start < list.end; start += GROUP) {
         if lane == 0u {
             atomicStore(&is_translucent, 0u);
         }
@@ -50,19 +50,17 @@ fn main(
             break;
         }
         let entry = start + lane;
-        if lane < BATCH && entry < list.end {
+        if entry < list.end {
             let slot = slots[entry];
             let splat = splats[slot];
             batch[lane] = staged(projected[splat], splat, slot);
         }
         workgroupBarrier();
-        let count = min(BATCH, list.end - start);
+        let count = min(GROUP, list.end - start);
         for (var k = 0u; k < count && transmittance >= MIN_TRANSMITTANCE; k++) {
-            let sample = sample_at(batch[k], place);
-            let alpha = min(sample.alpha, ALPHA_MAX);
-            let behind = transmittance * (1.0 - alpha);
-            features += composited(sample, transmittance * alpha, transmittance, behind);
-            transmittance = behind;
+            let alpha = min(alpha_at(batch[k], place), ALPHA_MAX);
+            features += transmittance * alpha * batch[k].features;
+            transmittance *= 1.0 - alpha;
             needed = start + k + 1u - list.start;
         }
         workgroupBarrier();
@@ -73,10 +71,6 @@ fn main(
         ranges[tile].useful = atomicLoad(&useful);
     }
     if is_inside {
-        var whole = pixel_of(features + transmittance * features_behind(), transmittance);
-        let i = pixel.y * plan.size.x + pixel.x;
-        for (var part = 0u; part < PIXEL; part++) {
-            frame[part * plan.size.x * plan.size.y + i] = whole[part];
-        }
+        frame[pixel.y * plan.size.x + pixel.x] = pixel_of(features + transmittance * features_behind(), transmittance);
     }
 }

@@ -51,32 +51,25 @@ fn gather(i: u32) -> Core {
             sums[number] += slots[(image.first_slot + tile) * SLOT + number];
         }
     }
-    out.opacity_logit = plan.by_opacity * opacity * (1.0 - opacity);
+    out.opacity_logit = (sums[0] + plan.by_opacity * opacity) * (1.0 - opacity);
     out.seen = select(0.0, 1.0, is_seen(image.depth));
     if image.tiles == 0u {
         return out;
     }
+    let k = image.conic;
+    let conic = mat2x2(k.x, k.y, k.y, k.z);
+    let by_mean = conic * vec2(sums[1], sums[3]);
+    // The derivative by the 2-D covariance.
+    let g = 0.5 * (conic * mat2x2(sums[2], sums[4], sums[4], sums[5]) * conic);
     let j = jacobian(splat.position);
     let rows = rotation_rows(splat.rotation);
     let variance = exp(2.0 * splat.log_scale);
     let s = covariance(rows, variance);
-    let across = times_covariance(j[0], s);
-    let image_covariance = vec3(dot(across, j[0]), dot(across, j[1]), dot(times_covariance(j[1], s), j[1]));
-    let normal = vec3(rows[0].z, rows[1].z, rows[2].z);
-    let plane = plane_gradient(i, image, splat.position, normal, image_covariance, sums);
-    out.opacity_logit += plane.log_opacity * (1.0 - opacity);
-    let k = plane.conic;
-    let conic = mat2x2(k.x, k.y, k.y, k.z);
-    let by_mean = conic * vec2(sums[1], sums[3]) + plane.mean;
-    // The derivative by the 2-D covariance.
-    let by_xy = 0.5 * plane.covariance.y;
-    let g = 0.5 * (conic * mat2x2(sums[2], sums[4], sums[4], sums[5]) * conic)
-        + mat2x2(plane.covariance.x, by_xy, by_xy, plane.covariance.z);
     // The 2-D covariance is J S Jᵀ: the derivative by J is 2 G J S, that by S is Jᵀ G J.
     let gj = array(g[0].x * j[0] + g[0].y * j[1], g[0].y * j[0] + g[1].y * j[1]);
     let by_jacobian = array(2.0 * times_covariance(gj[0], s), 2.0 * times_covariance(gj[1], s));
     out.position = by_position(splat.position, by_mean, by_jacobian);
-    out.position += plane.position + by_depth(sums) * depth_axis();
+    out.position.z += by_altitude(sums);
     // With M = R diag(scale), S is M Mᵀ: the derivative by R is 2 Jᵀ G J R diag(variance).
     var by_rows: array<vec3<f32>, 3>;
     let columns = transpose(mat3x3(rows[0], rows[1], rows[2]));
@@ -88,12 +81,6 @@ fn gather(i: u32) -> Core {
         by_rows[0][axis] = by_axis.x;
         by_rows[1][axis] = by_axis.y;
         by_rows[2][axis] = by_axis.z;
-    }
-    if IS_FLAT {
-        out.log_scale.z = 0.0;
-        by_rows[0].z = plane.normal.x;
-        by_rows[1].z = plane.normal.y;
-        by_rows[2].z = plane.normal.z;
     }
     out.rotation = by_quaternion(splat.rotation, by_rows);
     // Colours that are clamped at zero have no derivative.

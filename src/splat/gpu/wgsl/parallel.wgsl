@@ -48,11 +48,6 @@ fn depth_of(splat: Core) -> f32 {
     return splat.position.z;
 }
 
-/// The direction in which the altitude rises, site axes.
-fn depth_axis() -> vec3<f32> {
-    return vec3(0.0, 0.0, 1.0);
-}
-
 /// All splats take part in every step.
 fn is_seen(depth: f32) -> bool {
     return true;

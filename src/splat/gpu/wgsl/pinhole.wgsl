@@ -71,14 +71,9 @@ fn depth_of(splat: Core) -> f32 {
     let mean = view.focal * ratio + view.principal;
     let largest = max(max(splat.log_scale.x, splat.log_scale.y), splat.log_scale.z);
     let px_per_m = max(view.focal.x, view.focal.y) * inverse * sqrt(1.0 + dot(ratio, ratio));
-    let may_show = is_within(mean, plan.reach.y)
-        || is_within(mean, plan.reach.y + plan.reach.x * px_per_m * exp(largest));
+    let may_show = is_within(mean, LEAST_REACH_PX)
+        || is_within(mean, LEAST_REACH_PX + REACH * px_per_m * exp(largest));
     return select(0.0, c.z, may_show);
-}
-
-/// The direction in which the depth rises, site axes.
-fn depth_axis() -> vec3<f32> {
-    return camera().forward.xyz;
 }
 
 /// Whether the camera may show a splat of this depth.
@@ -107,34 +102,6 @@ fn by_position(p: vec3<f32>, by_mean: vec2<f32>, by_jacobian: array<vec3<f32>, 2
     let by_depth = -scale * ratio * by_mean - (by_limited * ratio + by_scale * scale) * inverse;
     let by_camera = vec3(scale * by_mean + by_limited * inverse, by_depth.x + by_depth.y);
     return view.right.xyz * by_camera.x + view.down.xyz * by_camera.y + view.forward.xyz * by_camera.z;
-}
-
-/// The slope of a plane through a splat with a normal, 1/pixel, and derivatives by position and normal, from those by the slope.
-struct PlaneSlope {
-    slope: vec2<f32>,
-    by_position: vec3<f32>,
-    by_normal: vec3<f32>,
-}
-
-fn plane_slope(p: vec3<f32>, normal: vec3<f32>, by: vec2<f32>) -> PlaneSlope {
-    let view = camera();
-    let c = camera_from_site(p);
-    let axes = transpose(mat3x3(view.right.xyz, view.down.xyz, view.forward.xyz));
-    let n = axes * normal;
-    let inverse = 1.0 / max(c.z, view.nearest);
-    let ray = c.xy * inverse;
-    // The quotient by the cosine of the angle between ray and normal is damped (src/camera/kernel.rs).
-    let along = dot(n.xy, ray) + n.z;
-    let damped = 1.0 / (along * along + QUOTIENT_DAMPING);
-    let factor = along * damped;
-    let scaled = n.xy / view.focal;
-    let by_along = dot(scaled, by) * (QUOTIENT_DAMPING - along * along) * damped * damped;
-    let by_ray = n.xy * inverse * by_along;
-    return PlaneSlope(
-        scaled * factor,
-        vec3(by_ray, -dot(by_ray, ray)) * axes,
-        vec3(by * factor / view.focal + ray * by_along, by_along) * axes,
-    );
 }
 
 /// The direction from the camera's centre to a splat, and the reciprocal of its distance.

@@ -29,12 +29,6 @@ struct Plan {
     iteration: u32,
     /// Whether another render of the iteration has begun the gradient; it alone counts in the statistics for densification.
     adds_gradient: u32,
-    /// What an image shows of a splat lies within so many standard deviations of its centre, and this many pixels of the smallest splat.
-    reach: vec2<f32>,
-    /// Derivative of the loss by the sum of differences between normals; zero where they are not compared.
-    by_normals: f32,
-    /// Whether the depth of a pixel of discs is the one at which the transmittance falls to one half, not the sum of weighted depths.
-    is_median: u32,
 }
 
 /// The parameters of a splat but for f_rest; also their moments and derivatives.

@@ -52,7 +52,6 @@ fn project(i: u32, splat: Core, opacity: f32) -> Projected {
     if !is_sound || !(opacity > ALPHA_CUT) || out.radius2 <= 0.0 || out.conic.x <= 0.0 || out.conic.z <= 0.0 {
         return out;
     }
-    out = outlined(i, splat, out, vec3(xx, xy, yy));
     out.color = color_of(i, splat.f_dc, splat.position);
     out.tiles = tiles_touched(out);
     return out;

@@ -35,17 +35,3 @@ fn times_covariance(v: vec3<f32>, s: array<vec3<f32>, 2>) -> vec3<f32> {
         v.x * s[0].z + v.y * s[1].y + v.z * s[1].z,
     );
 }
-
-/// What the plane of a disc adds to the derivatives; zeros of ellipsoids but for the first two.
-struct PlaneGradient {
-    /// Inverse of the 2-D covariance: xx, xy, yy.
-    conic: vec3<f32>,
-    /// Derivative by the logarithm of the opacity.
-    log_opacity: f32,
-    /// Derivatives by the 2-D mean, by the 2-D covariance (xx, xy, yy; that by xy counts both places in the matrix), by the position, and
-    /// all by the normal.
-    mean: vec2<f32>,
-    covariance: vec3<f32>,
-    position: vec3<f32>,
-    normal: vec3<f32>,
-}
