@@ -2,6 +2,7 @@
 
 use crate::splat::splats::{Splats, sigmoid};
 use rayon::prelude::*;
+use std::iter::successors;
 use std::ops::Range;
 
 /// Number of splats of the first part. Without a graphics card, a picture takes about 20 µs for each.
@@ -25,13 +26,8 @@ pub fn coarse_to_fine(splats: &Splats) -> Vec<u32> {
 /// The parts that so many splats are shown in, one after the other: each as large as all before it, the last one what is left.
 #[must_use]
 pub fn parts(count: usize) -> Vec<Range<usize>> {
-    let mut parts = vec![0..count.min(FIRST_PART)];
-    while let Some(last) = parts.last().map(|part| part.end)
-        && last < count
-    {
-        parts.push(last..count.min(2 * last));
-    }
-    parts
+    let next = |part: &Range<usize>| (part.end < count).then(|| part.end..count.min(2 * part.end));
+    successors(Some(0..count.min(FIRST_PART)), next).collect()
 }
 
 #[cfg(test)]

@@ -27,8 +27,11 @@ fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
     others.with(named).expect("the terms of the built-in recipes are registered")
 }
 
-/// The recipes that come with the program: a name, and a recipe that [`Recipe::named`] gives this name. The first is the default.
-const BUILT_IN: [(&str, fn() -> Recipe); 9] = [
+/// A name, and a recipe that [`Recipe::named`] gives this name.
+type BuiltIn = (&'static str, fn() -> Recipe);
+
+/// The recipes that come with the program; the first is the default.
+const BUILT_IN: [BuiltIn; 9] = [
     ("best", || best().of_any()),
     ("baeogs", || baeogs().of_any()),
     ("eogs", || eogs().of_any()),
@@ -295,11 +298,7 @@ fn indoor() -> Recipe<PerspectiveRecipe> {
             .densification
             .map(|g| Densification { active: Some(ActiveGrowth { idle_rounds: 5 }), ..g }),
         reset: None,
-        kind: PerspectiveRecipe {
-            priors_from: 7000,
-            last_opacity_sum: Some(1e-9),
-            ..discs.kind
-        },
+        kind: PerspectiveRecipe { priors_from: 7000, last_opacity_sum: Some(1e-9), ..discs.kind },
         ..discs
     }
 }
