@@ -41,33 +41,51 @@ pub enum LensModel {
     ThinPrismFisheye,
 }
 
-/// Each model with its name, its number of focal lengths (one for both axes, or two), its number of distortion parameters, and
-/// whether it is a polynomial of the angle from the optical axis; in the order of COLMAP's numbers.
-const MODELS: [(LensModel, &str, usize, usize, bool); 11] = [
-    (LensModel::SimplePinhole, "SIMPLE_PINHOLE", 1, 0, false),
-    (LensModel::Pinhole, "PINHOLE", 2, 0, false),
-    (LensModel::SimpleRadial, "SIMPLE_RADIAL", 1, 1, false),
-    (LensModel::Radial, "RADIAL", 1, 2, false),
-    (LensModel::OpenCv, "OPENCV", 2, 4, false),
-    (LensModel::OpenCvFisheye, "OPENCV_FISHEYE", 2, 4, true),
-    (LensModel::FullOpenCv, "FULL_OPENCV", 2, 8, false),
-    (LensModel::Fov, "FOV", 2, 1, false),
-    (LensModel::SimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE", 1, 1, true),
-    (LensModel::RadialFisheye, "RADIAL_FISHEYE", 1, 2, true),
-    (LensModel::ThinPrismFisheye, "THIN_PRISM_FISHEYE", 2, 8, true),
+/// A model: its name in COLMAP, and its parameters.
+struct ModelInfo {
+    model: LensModel,
+    name: &'static str,
+    /// One for both axes, or two.
+    focal_lengths: usize,
+    distortion: usize,
+    /// Whether the distortion is a polynomial of the angle from the optical axis.
+    is_fisheye: bool,
+}
+
+/// The models in the order of COLMAP's numbers.
+const MODELS: [ModelInfo; 11] = [
+    lens(LensModel::SimplePinhole, "SIMPLE_PINHOLE", 1, 0),
+    lens(LensModel::Pinhole, "PINHOLE", 2, 0),
+    lens(LensModel::SimpleRadial, "SIMPLE_RADIAL", 1, 1),
+    lens(LensModel::Radial, "RADIAL", 1, 2),
+    lens(LensModel::OpenCv, "OPENCV", 2, 4),
+    fisheye(LensModel::OpenCvFisheye, "OPENCV_FISHEYE", 2, 4),
+    lens(LensModel::FullOpenCv, "FULL_OPENCV", 2, 8),
+    lens(LensModel::Fov, "FOV", 2, 1),
+    fisheye(LensModel::SimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE", 1, 1),
+    fisheye(LensModel::RadialFisheye, "RADIAL_FISHEYE", 1, 2),
+    fisheye(LensModel::ThinPrismFisheye, "THIN_PRISM_FISHEYE", 2, 8),
 ];
+
+const fn lens(model: LensModel, name: &'static str, focal_lengths: usize, distortion: usize) -> ModelInfo {
+    ModelInfo { model, name, focal_lengths, distortion, is_fisheye: false }
+}
+
+const fn fisheye(model: LensModel, name: &'static str, focal_lengths: usize, distortion: usize) -> ModelInfo {
+    ModelInfo { is_fisheye: true, ..lens(model, name, focal_lengths, distortion) }
+}
 
 impl LensModel {
     /// The model with a number of COLMAP.
     #[must_use]
     pub fn from_id(id: i32) -> Option<Self> {
-        Some(MODELS.get(usize::try_from(id).ok()?)?.0)
+        Some(MODELS.get(usize::try_from(id).ok()?)?.model)
     }
 
     /// The model with a name of COLMAP.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        MODELS.iter().find(|m| m.1 == name).map(|m| m.0)
+        MODELS.iter().find(|m| m.name == name).map(|m| m.model)
     }
 
     /// COLMAP's number of the model.
@@ -79,30 +97,34 @@ impl LensModel {
     /// COLMAP's name of the model.
     #[must_use]
     pub fn name(self) -> &'static str {
-        MODELS[self as usize].1
+        self.info().name
+    }
+
+    fn info(self) -> &'static ModelInfo {
+        &MODELS[self as usize]
     }
 
     /// Number of parameters of the model.
     #[must_use]
     pub fn parameters(self) -> usize {
-        let (_, _, focals, distortion, _) = MODELS[self as usize];
-        focals + 2 + distortion
+        let ModelInfo { focal_lengths, distortion, .. } = self.info();
+        focal_lengths + 2 + distortion
     }
 
     /// Whether the first parameter is the focal length of both axes.
     fn has_one_focal(self) -> bool {
-        MODELS[self as usize].2 == 1
+        self.info().focal_lengths == 1
     }
 
     /// Whether the model is a polynomial of the angle from the optical axis.
     fn is_fisheye(self) -> bool {
-        MODELS[self as usize].4
+        self.info().is_fisheye
     }
 
     /// Whether the lens shows a point where a pinhole camera would.
     #[must_use]
     pub fn is_pinhole(self) -> bool {
-        MODELS[self as usize].3 == 0
+        self.info().distortion == 0
     }
 }
 

@@ -96,8 +96,10 @@ pub fn train_scene(
         is_gray: false,
         seed: options.seed,
     };
-    let at_start = frame.leave_splats(so_far.state.splats.clone());
-    stage.write_cameras(&PerspectiveCameras::new(scene, &frame, &at_start, recipe.clone()))?;
+    {
+        let splats = frame.leave_splats(so_far.state.splats.clone());
+        stage.write_cameras(&PerspectiveCameras::new(scene, &frame, &splats, recipe.clone()))?;
+    }
     let views = Arc::new(views);
     let (so_far, device) = train_photographs(&stage, &views, &schedule, so_far, (options.device, progress))?;
 
