@@ -223,7 +223,7 @@ fn what_a_run_writes_is_in_the_unit_of_the_scene() {
     moved(&path("scene"), &path("scene4"), &Similarity::scaled(4.0));
     let products = |scene: &str, run: &str| -> (Splats, f32, f64, f64) {
         let run: PathBuf = path(run);
-        // Of 161,448 points from matching one more is added or not by rounding.
+        // By rounding, matching may add one point more or less.
         let mut recipe = named("2dgs");
         if let RecipeKind::Perspective(photographs) = &mut recipe.kind {
             photographs.start_points = StartPoints::Scene;
