@@ -353,7 +353,7 @@ fn expectation(scene: &Scene, of_views: &[Row], pairs: &Pairs, o: &Overlap) -> S
     let tiles = columns * rows;
     let cost = imaging.cost(&recipe, (tiles, [width, height]), high_m - low_m, DSM_CELL_M);
     let tiles = if tiles > 1 { "; the area is cut into tiles, of which `satgs plan` tells more" } else { "" };
-    format!("{}{tiles}\n", imaging.text(cost, rayon::current_num_threads()))
+    format!("{}{tiles}\n", imaging.text(cost))
 }
 
 fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {

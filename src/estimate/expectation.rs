@@ -4,7 +4,7 @@
 //! apply to similar scenes at other resolutions.
 
 use super::cost::{Cost, RunSize};
-
+use super::machine::measured_cores;
 use crate::affine::{SiteScene, SiteView};
 use crate::mvs::FEW_VIEWS;
 use crate::scene::Role;
@@ -18,6 +18,8 @@ const ERROR_PX: [(usize, f64); 5] = [(2, 2.5), (3, 1.9), (4, 1.7), (5, 1.3), (10
 const MEASURED_DEG: std::ops::RangeInclusive<f64> = 10.0..=30.0;
 /// Area of a tile with its overlap and margins, as a multiple of its core.
 const TILE_AND_MARGINS: f64 = 1.7;
+/// Time with all threads, seconds, below which the machine is not measured.
+const SMALL_S: f64 = 30.0;
 /// The convergence angle with the best heights, degrees: the base is long enough, and the images are still similar.
 pub const BEST_CONVERGENCE_DEG: f64 = 20.0;
 /// The convergence angle, of those of all pairs of views, that is nearest to [`BEST_CONVERGENCE_DEG`]; NaN without pairs.
@@ -107,9 +109,10 @@ impl Imaging {
         }
     }
 
-    /// The error, time with a number of threads, and memory to expect, as a sentence.
+    /// The error, time and memory to expect of a run on this machine, as a sentence; a cost that is not small is divided by the
+    /// measured speed of the machine ([`measured_cores`]).
     #[must_use]
-    pub fn text(&self, cost: Cost, threads: usize) -> String {
+    pub fn text(&self, cost: Cost) -> String {
         let (Expectation { error_m, is_measured }, views) = (self.expectation(), self.views);
         let error = if is_measured {
             format!(
@@ -122,9 +125,18 @@ impl Imaging {
                 self.convergence_deg
             )
         };
-        let (minutes, gigabytes) = (cost.core_seconds / threads.max(1) as f64 / 60.0, cost.memory_mb / 1e3);
-        let time =
-            if minutes < 1.0 { "less than a minute".into() } else { format!("about {minutes:.0} minutes") };
+        let threads = rayon::current_num_threads();
+        let time = match cost.core_seconds / threads as f64 {
+            small if small < SMALL_S => "less than a minute".into(),
+            _ => {
+                let cores = measured_cores().unwrap_or(threads as f64);
+                match (cost.core_seconds / cores / 60.0).round() {
+                    few if few <= 1.0 => "about a minute".into(),
+                    minutes => format!("about {minutes:.0} minutes"),
+                }
+            }
+        };
+        let gigabytes = cost.memory_mb / 1e3;
         let mut out = format!(
             "expected of recipe `best` with {views} views: {error}; {time} with {threads} threads, {gigabytes:.1} GB of memory"
         );

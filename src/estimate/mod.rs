@@ -6,7 +6,9 @@
 mod cost;
 mod device_memory;
 mod expectation;
+mod machine;
 
 pub use cost::{Cost, RunSize};
 pub use device_memory::{DeviceTraining, TILES_OF_SPLAT};
 pub use expectation::{BEST_CONVERGENCE_DEG, Expectation, Imaging, best_convergence_deg};
+pub use machine::measured_cores;

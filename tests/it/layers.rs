@@ -59,7 +59,7 @@ const LAYERS: [(&str, Option<&[&str]>); 34] = [
         ]),
     ),
     ("splat", None),
-    ("estimate", Some(&["stats", "scene", "affine", "mvs", "splat"])),
+    ("estimate", Some(&["stats", "progress", "scene", "affine", "mvs", "splat"])),
     ("predict", None),
     (
         "mesh",

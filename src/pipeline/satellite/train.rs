@@ -152,7 +152,7 @@ fn tell_expectation(training: &Training, progress: &dyn Progress) {
     let ((west, south, east, north), (low, high)) = (setup.area, setup.altitudes);
     let whole = (1, [east - west, north - south]);
     let cost = imaging.cost(&training.recipe, whole, high - low, DSM_CELL_M);
-    progress.event(Event::Note(imaging.text(cost, rayon::current_num_threads())));
+    progress.event(Event::Note(imaging.text(cost)));
 }
 
 /// What a training is made from; its keys are the names of options on the command line.

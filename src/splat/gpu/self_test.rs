@@ -2,18 +2,14 @@
 
 use super::backend::GpuBackend;
 use super::device::GpuDevice;
-use crate::affine::{TrainingView, ViewCamera};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::progress::NoProgress;
 use crate::random::CounterRng;
-use crate::splat::appearance::AppearanceKind;
-use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::{BackendError, CpuBackend, GpuError, TrainingBackend};
-use crate::splat::loss::TermInputs;
 use crate::splat::pinhole::{PinholeView, PinholeViews};
 use crate::splat::recipe::{Recipe, RecipeKind};
-use crate::splat::satellite::{SatelliteScene, SatelliteViews};
+use crate::splat::satellite::{SatelliteViews, trial_scene, trial_start};
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::{Schedule, train};
@@ -37,10 +33,10 @@ impl GpuDevice {
         let found = losses("3dgs", &mut GpuBackend::new(self.clone(), views.clone(), state.clone())?)?;
         let model = PinholeViews::new(views, &state);
         self.require_same(found, losses("3dgs", &mut CpuBackend::new(model, state)?)?)?;
-        let state = satellite_start();
-        let on_device = GpuBackend::of_satellites(self.clone(), satellite_scene(), state.clone());
+        let state = trial_start(SIZE, SPLATS);
+        let on_device = GpuBackend::of_satellites(self.clone(), trial_scene(SIZE), state.clone());
         let found = losses("eogs", &mut on_device?)?;
-        let model = SatelliteViews::new(satellite_scene(), &state);
+        let model = SatelliteViews::new(trial_scene(SIZE), &state);
         self.require_same(found, losses("eogs", &mut CpuBackend::new(model, state)?)?)
     }
 
@@ -103,34 +99,4 @@ fn start() -> TrainingState {
     }
     splats.f_rest.resize(splats.len(), [0.02; 45]);
     TrainingState::start(splats, Default::default(), 0, 0)
-}
-
-/// A view of the ground from the south with a sun in the west.
-fn satellite_scene() -> SatelliteScene {
-    let camera = ViewCamera::affine([[8.0, 0.0, 1.0], [0.0, -8.0, 3.0]], [23.5, 15.5]);
-    let plane = |k: usize| {
-        Grid2::from_fn(SIZE.0, SIZE.1, |col, row| ((col * (k + 2) + row * 3) % 29) as f32 / 40.0 + 0.1)
-    };
-    let (area, bands) = ((-9.0, -9.0, 9.0, 9.0), [0, 1, 2].map(plane));
-    let view = TrainingView::new("pattern".into(), camera, Some([4.0, -1.0]), &bands, area, (0.0, 0.0));
-    SatelliteScene {
-        views: Arc::new(vec![view]),
-        altitudes: (-2.0, 2.0),
-        inputs: TermInputs::default(),
-        appearance: AppearanceKind::Affine,
-        cube: Cube::default(),
-        visibility: None,
-    }
-}
-
-/// Random splats of several colours near the ground.
-fn satellite_start() -> TrainingState {
-    let mut splats = Splats::default();
-    for i in 0..SPLATS {
-        let mut draw = CounterRng::new(2, 0, 0, i);
-        let [x, y, z] = [2.0, 1.5, 0.3].map(|by| (by * draw.normal()) as f32);
-        let color = [0; 3].map(|_| draw.uniform() as f32);
-        splats.push([x, y, z], 0.1 + 0.3 * draw.uniform() as f32, 0.2 + 0.7 * draw.uniform() as f32, color);
-    }
-    TrainingState::start(splats, AppearanceKind::Affine, 1, 0)
 }
