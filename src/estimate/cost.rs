@@ -12,8 +12,8 @@ const SPLATS_OF_COARSE_CELLS: f64 = 1.75;
 /// Of few views, whose walls have more splats: three towns of five views with pixels of 0.5 m had 1.45 to 1.76.
 const SPLATS_OF_FEW_VIEWS: f64 = 1.8;
 /// Number of splats by which a training of [`GROWN_AFTER`] iterations grows, whatever its area: the gradient that asks for growth is
-/// one in half image sides, so small images grow more densely. Three towns and two cities of 19,000 to 23,000 m² grew by 44,000 to
-/// 74,000, JAX_068 by 13,000 more than were pruned. Growth is fast at first: 20,000 to 34,000 after 800 iterations.
+/// one in half image sides, so small images grow more densely. Three scenes of 18,000 to 23,000 m² grew by 44,000 to 74,000, JAX_068 by
+/// 13,000 more than were pruned. Growth is fast at first: 20,000 to 34,000 after 800 iterations in six scenes.
 const GROWN: f64 = 45_000.0;
 const GROWN_AFTER: f64 = 4000.0;
 /// Seconds of one core (Intel Xeon, AVX-512) for an iteration: of each splat, and of each pixel of one view. JAX_068 takes 168 ms with
