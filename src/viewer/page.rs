@@ -25,7 +25,7 @@ pub(super) const PROGRAM: &str = concat!(
     include_str!("page/detail.js"),
     include_str!("page/live.js"),
     include_str!("page/swipe.js"),
-    "start();\n",
+    "begin();\n",
 );
 const LOADER: &str = include_str!("page/loader.js");
 /// three.js and Spark as one script, packed with gzip, with their licences.

@@ -60,3 +60,10 @@ const followTraining = async () => {
     }
   }
 };
+
+// Starts the page; once more where a newer checkpoint replaced the splats while they were loaded.
+const begin = () =>
+  start().catch((error) => {
+    if (!run.live) throw error;
+    setTimeout(() => location.reload(), ASK_EVERY);
+  });
