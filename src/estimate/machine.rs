@@ -2,9 +2,9 @@
 
 use crate::progress::NoProgress;
 use crate::splat::backend::{BackendError, CpuBackend};
-use crate::splat::recipe::{Recipe, RecipeKind};
-use crate::splat::satellite::{SatelliteViews, trial_scene, trial_start};
-use crate::splat::train::{LogLine, Schedule, train};
+use crate::splat::satellite::SatelliteViews;
+use crate::splat::train::{LogLine, train};
+use crate::splat::trial::{trial_recipe, trial_scene, trial_schedule, trial_start};
 
 /// The training that is measured: columns and rows of its view, and number of splats.
 const SIZE: (usize, usize) = (384, 256);
@@ -19,19 +19,8 @@ const REFERENCE_RATE: f64 = 27.0;
 /// measurement of half a second; none if it fails.
 #[must_use]
 pub fn measured_cores() -> Option<f64> {
-    let mut recipe = Recipe::named("eogs")?.with_iterations(ITERATIONS.1);
-    if let RecipeKind::Satellite(satellite) = &mut recipe.kind {
-        satellite.shadows_from = 0;
-    }
-    let schedule = Schedule {
-        recipe: &recipe,
-        views: 1,
-        half_side_m: 30.0,
-        pixel_m: 0.0,
-        splats_at_start: SPLATS as usize,
-        is_gray: false,
-        seed: 0,
-    };
+    let recipe = trial_recipe("eogs", ITERATIONS.1)?;
+    let schedule = trial_schedule(&recipe, SPLATS);
     let state = trial_start(SIZE, SPLATS);
     let model = SatelliteViews::new(trial_scene(SIZE), &state);
     let mut backend = CpuBackend::new(model, state).ok()?;

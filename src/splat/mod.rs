@@ -37,4 +37,5 @@ pub mod stopwatch;
 pub mod sun_visibility;
 pub mod train;
 pub mod transformed;
+pub mod trial;
 pub mod visibility;

@@ -8,11 +8,11 @@ use crate::progress::NoProgress;
 use crate::random::CounterRng;
 use crate::splat::backend::{BackendError, CpuBackend, GpuError, TrainingBackend};
 use crate::splat::pinhole::{PinholeView, PinholeViews};
-use crate::splat::recipe::{Recipe, RecipeKind};
-use crate::splat::satellite::{SatelliteViews, trial_scene, trial_start};
+use crate::splat::satellite::SatelliteViews;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
-use crate::splat::train::{Schedule, train};
+use crate::splat::train::train;
+use crate::splat::trial::{trial_recipe, trial_scene, trial_schedule, trial_start};
 use glam::{DMat3, DVec2, DVec3};
 use std::sync::Arc;
 
@@ -49,22 +49,10 @@ impl GpuDevice {
     }
 }
 
-/// The losses of the iterations by a recipe; satellite views have shadows and a virtual view from the first on.
+/// The losses of the iterations by a recipe.
 fn losses<B: TrainingBackend>(recipe: &str, backend: &mut B) -> Result<Vec<f64>, BackendError> {
-    let Some(recipe) = Recipe::named(recipe) else { return Ok(Vec::new()) };
-    let mut recipe = recipe.with_iterations(ITERATIONS);
-    if let RecipeKind::Satellite(satellite) = &mut recipe.kind {
-        satellite.shadows_from = 0;
-    }
-    let schedule = Schedule {
-        recipe: &recipe,
-        views: 1,
-        half_side_m: 3.0,
-        pixel_m: 0.0,
-        splats_at_start: SPLATS as usize,
-        is_gray: false,
-        seed: 0,
-    };
+    let Some(recipe) = trial_recipe(recipe, ITERATIONS) else { return Ok(Vec::new()) };
+    let schedule = trial_schedule(&recipe, SPLATS);
     let mut log = Vec::new();
     train(backend, &schedule, &mut log, &NoProgress, |_| false, |_, _| Ok::<_, BackendError>(()))?;
     Ok(log.iter().map(|line| line.loss).collect())

@@ -7,12 +7,10 @@ mod novel_view;
 mod objective;
 mod step_cameras;
 mod test_time;
-mod trial;
 mod views;
 
 pub use novel_view::{NovelView, Picture};
 pub use objective::{Gradient, SatelliteObjective, SatelliteStep};
 pub use step_cameras::StepCameras;
 pub use test_time::fit_view;
-pub use trial::{trial_scene, trial_start};
 pub use views::{SatelliteScene, SatelliteViews};

@@ -61,9 +61,9 @@ const followTraining = async () => {
   }
 };
 
-// Starts the page; once more where a newer checkpoint replaced the splats while they were loaded.
+// Starts the page; once more where a newer checkpoint replaced the splats while they were loaded. Other failures stay on the page.
 const begin = () =>
   start().catch((error) => {
-    if (!run.live) throw error;
+    if (!run.live || error.cause !== 404) throw error;
     setTimeout(() => location.reload(), ASK_EVERY);
   });

@@ -28,7 +28,7 @@ const bytesOf = async (name) => {
     return bytes;
   }
   const answer = await fetch(name);
-  if (!answer.ok) throw new Error(`${name}: ${answer.status} ${answer.statusText}`);
+  if (!answer.ok) throw new Error(`${name}: ${answer.status} ${answer.statusText}`, { cause: answer.status });
   return new Uint8Array(await answer.arrayBuffer());
 };
 

@@ -1,18 +1,46 @@
-//! A small satellite scene with splats at random places, to try out devices and to measure how fast they are.
+//! Short trainings that try out a device or measure how fast it is, and a small satellite scene with splats at random places for
+//! them.
 
-use super::views::SatelliteScene;
 use crate::affine::{TrainingView, ViewCamera};
 use crate::io::Grid2;
 use crate::random::CounterRng;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::loss::TermInputs;
+use crate::splat::recipe::{Recipe, RecipeKind};
+use crate::splat::satellite::SatelliteScene;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
+use crate::splat::train::Schedule;
 use std::sync::Arc;
 
 /// Pixels a metre of the view.
 const PIXELS_PER_M: f64 = 8.0;
+
+/// A built-in recipe for so many iterations; satellite views have shadows and virtual views from the first on. None if there is no such
+/// recipe.
+#[must_use]
+pub fn trial_recipe(name: &str, iterations: u32) -> Option<Recipe> {
+    let mut recipe = Recipe::named(name)?.with_iterations(iterations);
+    if let RecipeKind::Satellite(satellite) = &mut recipe.kind {
+        satellite.shadows_from = 0;
+    }
+    Some(recipe)
+}
+
+/// The training of one view by a recipe, from so many splats.
+#[must_use]
+pub fn trial_schedule(recipe: &Recipe, splats: u64) -> Schedule<'_> {
+    Schedule {
+        recipe,
+        views: 1,
+        half_side_m: 3.0,
+        pixel_m: 0.0,
+        splats_at_start: splats as usize,
+        is_gray: false,
+        seed: 0,
+    }
+}
 
 /// A view of the ground from the south, of `size` columns and rows, with a sun in the west.
 #[must_use]
